@@ -2,7 +2,6 @@
 
 import pickle
 import queue
-import subprocess
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -11,7 +10,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Self
 
 from app.files.atomic_io import new_folder
-from app.files.child_process import module_command, same_code, work_behind
+from app.files.child_process import started_behind
 from app.geometry import InputError
 
 if TYPE_CHECKING:
@@ -43,14 +42,7 @@ class BagProcess:
     """
 
     def __enter__(self) -> Self:
-        self._process = subprocess.Popen(
-            module_command("app.cli.bag_process"),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            env=same_code(),
-            start_new_session=True,  # Ctrl-C on the terminal goes to the replay only
-        )
-        work_behind(self._process)
+        self._process = started_behind("app.cli.bag_process")
         self._steps: list[StepResult] = []
         self._waiting: queue.Queue[bytes | None] = queue.Queue(_MAX_WAITING)
         self._sender = threading.Thread(target=self._send_all, args=(self._process.stdin,))

@@ -1,14 +1,13 @@
 """Draws a replay in 3D Slicer's scene, in another process: a picture, a scene file, a movie."""
 
 import pickle
-import subprocess
 import sys
 from collections.abc import Collection
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
-from app.files.child_process import module_command, same_code, work_behind
+from app.files.child_process import started_behind
 from app.geometry import InputError
 
 if TYPE_CHECKING:
@@ -47,14 +46,7 @@ class ScenePainter:
     """
 
     def __enter__(self) -> Self:
-        self._process = subprocess.Popen(
-            module_command("app.cli.scene_process"),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            env=same_code(),
-            start_new_session=True,  # Ctrl-C on the terminal goes to the replay only
-        )
-        work_behind(self._process)
+        self._process = started_behind("app.cli.scene_process")
         # The request waits in a thread until the process is ready; the replay does not wait.
         self._waiting = ThreadPoolExecutor(max_workers=1)
         self._answer: Future[tuple[bytes, bytes]] | None = None

@@ -103,6 +103,22 @@ def reported_error(line: bytes) -> str:
     return ""
 
 
+def started_behind(module: str) -> "subprocess.Popen[bytes]":
+    """``module`` in a new process with pipes, which gives way to this one.
+
+    Ctrl-C on the terminal does not reach it.
+    """
+    process = subprocess.Popen(
+        module_command(module),
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env=same_code(),
+        start_new_session=True,
+    )
+    work_behind(process)
+    return process
+
+
 def step_back() -> None:
     """Let this process give way to others that start with its present priority."""
     os.nice(_NICENESS)

@@ -40,10 +40,10 @@ def numpy_array(array: vtkDataArray) -> NDArray[Any]:
     return values
 
 
-def vtk_matrix(transform: Transform) -> vtkMatrix4x4:
-    """The homogeneous matrix of ``transform``."""
+def vtk_matrix(pose: Transform | FloatArray) -> vtkMatrix4x4:
+    """The homogeneous matrix of ``pose``, a transform or (4, 4)."""
     matrix = vtkMatrix4x4()
-    matrix.DeepCopy(transform.matrix.ravel().tolist())
+    matrix.DeepCopy((pose.matrix if isinstance(pose, Transform) else pose).ravel().tolist())
     return matrix
 
 

@@ -11,10 +11,9 @@ from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonCore import vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkImageData, vtkPolyData
 from vtkmodules.vtkCommonExecutionModel import vtkTrivialProducer
-from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
 from app.geometry import FloatArray, Pixels
-from app.scene.convert import vtk_array, world_matrix
+from app.scene.convert import vtk_array, vtk_matrix, world_matrix
 from app.scene.models import add_model, remove_displayed
 from app.scene.scene_nodes import PART, mark
 
@@ -139,7 +138,7 @@ class ImageVolume:
         """Show ``pixels``, first row first, at ``matrix`` (4, 4) in the frame of ``parent``, mm."""
         if self.transform.GetParentTransformNode() is not parent:
             self.transform.SetAndObserveTransformNodeID(parent.GetID())
-        self.transform.SetMatrixTransformToParent(_vtk_matrix(matrix))
+        self.transform.SetMatrixTransformToParent(vtk_matrix(matrix))
         if pixels is self._pixels:
             return
         rows, columns = pixels.shape[:2]
@@ -174,11 +173,5 @@ class ImageVolume:
         ras_from_slice[:3, :3] = np.column_stack([right, np.cross(normal, right), normal])
         middle = place @ ((columns - 1) / 2.0, (rows - 1) / 2.0, 0.0, 1.0)
         ras_from_slice[:3, 3] = middle[:3]
-        view.GetSliceToRAS().DeepCopy(_vtk_matrix(ras_from_slice))
+        view.GetSliceToRAS().DeepCopy(vtk_matrix(ras_from_slice))
         view.UpdateMatrices()
-
-
-def _vtk_matrix(matrix: FloatArray) -> vtkMatrix4x4:
-    found = vtkMatrix4x4()
-    found.DeepCopy(np.asarray(matrix, dtype=np.float64).ravel().tolist())
-    return found

@@ -6,6 +6,7 @@ from math import dist, floor
 
 from slicer import (
     vtkMRMLMarkupsDisplayNode,
+    vtkMRMLMarkupsNode,
     vtkMRMLMarkupsPlaneNode,
     vtkMRMLModelNode,
     vtkMRMLNode,
@@ -16,7 +17,7 @@ from slicer import (
 
 from app.fixture import Constraint, MarginState, Proximity
 from app.geometry import FloatArray, Transform
-from app.scene.models import remove_displayed, remove_node, show_while_known
+from app.scene.models import Rgb, remove_displayed, remove_node, show_while_known
 from app.scene.offscreen import SceneError
 from app.scene.scene_nodes import Batch
 from app.scene.shown_margin import ShownMargin, distance_text
@@ -45,6 +46,22 @@ _ACTIVATION_NAME = "CauteryState"
 _TEXT_SCALE = 4.2  # percent of the view's height
 _POINT_MM = 0.9
 _LINE_MM = 0.35
+
+
+def _markups(
+    scene: vtkMRMLScene, kind: str, name: str, parent: vtkMRMLTransformNode, color: Rgb
+) -> vtkMRMLMarkupsNode:
+    """A new markups node of class ``kind`` under ``parent``, in ``color`` and without labels."""
+    node = scene.AddNewNodeByClass(f"vtkMRMLMarkups{kind}Node", name)
+    node.SetAndObserveTransformNodeID(parent.GetID())
+    node.SetLocked(True)
+    node.CreateDefaultDisplayNodes()
+    display = node.GetDisplayNode()
+    display.SetSelectedColor(*color)
+    display.SetColor(*color)
+    display.SetPropertiesLabelVisibility(False)
+    display.SetPointLabelsVisibility(False)
+    return node
 
 
 class SpacedPoints:
@@ -124,18 +141,11 @@ class BreachMarkers:
         """The style that is shown."""
         self._kept = SpacedPoints(MIN_SPACING_MM, MAX_KEPT)
         self._marks = SpacedPoints(self.style.spacing_mm, MAX_MARKS)
-        self.node = scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode", _MARKS_NAME)
-        self.node.SetAndObserveTransformNodeID(tumor_pose.GetID())
-        self.node.SetLocked(True)
-        self.node.CreateDefaultDisplayNodes()
+        self.node = _markups(scene, "Fiducial", _MARKS_NAME, tumor_pose, MARK_COLOR)
         display = self.node.GetDisplayNode()
-        display.SetSelectedColor(*MARK_COLOR)
-        display.SetColor(*MARK_COLOR)
         display.SetGlyphType(vtkMRMLMarkupsDisplayNode.Sphere3D)
         display.SetUseGlyphScale(False)
         display.SetGlyphSize(self.style.size_mm)
-        display.SetPropertiesLabelVisibility(False)
-        display.SetPointLabelsVisibility(False)
 
     def __len__(self) -> int:
         return int(self.node.GetNumberOfControlPoints())
@@ -200,20 +210,13 @@ class FixturePlane:
         self._batch = batch
         self._last: Transform | None = None
         self._known = False
-        self.node = scene.AddNewNodeByClass("vtkMRMLMarkupsPlaneNode", _PLANE_NAME)
-        self.node.SetAndObserveTransformNodeID(pose.GetID())
+        self.node = _markups(scene, "Plane", _PLANE_NAME, pose, _PLANE_COLOR)
         self.node.SetPlaneType(vtkMRMLMarkupsPlaneNode.PlaneTypePointNormal)
         self.node.SetSizeMode(vtkMRMLMarkupsPlaneNode.SizeModeAbsolute)
-        self.node.SetLocked(True)
-        self.node.CreateDefaultDisplayNodes()
         display = self.node.GetDisplayNode()
-        display.SetSelectedColor(*_PLANE_COLOR)
-        display.SetColor(*_PLANE_COLOR)
         display.SetFillOpacity(_PLANE_OPACITY)
         display.SetOutlineOpacity(1.0)
         display.SetHandlesInteractive(False)
-        display.SetPropertiesLabelVisibility(False)
-        display.SetPointLabelsVisibility(False)
         display.SetGlyphScale(0.0)
         display.SetVisibility(False)
 
@@ -264,20 +267,14 @@ class MarginDisplay:
         self.state = MarginState.UNKNOWN
         self._drawn: Proximity | None = None
         self._line_known = False
-        self.line = scene.AddNewNodeByClass("vtkMRMLMarkupsLineNode", _LINE_NAME)
-        self.line.SetAndObserveTransformNodeID(tumor_pose.GetID())
-        self.line.SetLocked(True)
-        self.line.CreateDefaultDisplayNodes()
+        self.line = _markups(scene, "Line", _LINE_NAME, tumor_pose, _INK)
         display = self.line.GetDisplayNode()
-        display.SetSelectedColor(*_INK)
-        display.SetColor(*_INK)
         display.SetGlyphType(vtkMRMLMarkupsDisplayNode.Sphere3D)
         display.SetUseGlyphScale(False)
         display.SetGlyphSize(_POINT_MM)
         display.SetCurveLineSizeMode(vtkMRMLMarkupsDisplayNode.UseLineDiameter)
         display.SetLineDiameter(_LINE_MM)
         display.SetTextScale(_TEXT_SCALE)
-        display.SetPropertiesLabelVisibility(False)
         display.SetPointLabelsVisibility(True)
         display.SetOccludedVisibility(True)
         display.SetOccludedOpacity(0.8)

@@ -16,7 +16,6 @@ from app.geometry import (
 )
 from app.runtime import SessionContent, ShownItem, StructureContent, ToolContent
 from app.scene.margin_display import MarkerStyle
-from app.scene.offscreen import SceneError
 from app.scene.scene import MarginGuardScene
 from app.scene.shown_margin import TransformHealth
 from app.session import REFERENCE, StepResult, governing_name
@@ -207,7 +206,7 @@ class ScenePresenter:
 
     def _begin(self, step: StepResult, edges: Sequence[Transform]) -> MarginGuardScene | None:
         """The new scene, None while nothing places the frame that the tumour moves with."""
-        holder = self._static_edge(self.content.tumor.frame).target
+        holder = self.content.frame_from_tumor.target
         connected = poses_in(holder, edges)
         if len(connected) == 1 and step.tumor_from_tip is None:
             return None
@@ -233,9 +232,9 @@ class ScenePresenter:
         earlier sample.
         """
         poses = poses_in(scene.reference, edges)
-        frame_from_tumor = self._static_edge(self.content.tumor.frame)
+        frame_from_tumor = self.content.frame_from_tumor
         if step.tumor_from_tip is not None and frame_from_tumor.target in poses:
-            tool_from_tip = self._static_edge(self.content.tip_frame)
+            tool_from_tip = self.content.tool_from_tip
             frame_from_tool = frame_from_tumor @ step.tumor_from_tip @ tool_from_tip.inverse()
             poses[tool_from_tip.target] = poses[frame_from_tumor.target] @ frame_from_tool
         return poses
@@ -282,7 +281,7 @@ class ScenePresenter:
 
         Also for the tumour's frame: the state of the margin covers that one.
         """
-        if frame == self._static_edge(self.content.tumor.frame).target:
+        if frame == self.content.frame_from_tumor.target:
             return True
         try:
             step.edges.between(scene.reference, frame)
@@ -336,15 +335,6 @@ class ScenePresenter:
         for point in points_mm[max(self._breach_count, self._deleted) :]:
             scene.margin.breaches.add(point)
         self._breach_count = len(points_mm)
-
-    def _static_edge(self, frame: str) -> Transform:
-        for edge in self.content.static_edges:
-            if edge.source == frame:
-                return edge
-        children = ", ".join(edge.source for edge in self.content.static_edges) or "none"
-        raise SceneError(
-            f"static transforms: no edge places frame {frame!r}; expected one among {children}"
-        )
 
 
 def _parts(content: SessionContent) -> list[object]:

@@ -307,6 +307,11 @@ class MarginGuardScene:
             self.tree.clear()
             self._integrity.record(())
 
+    @property
+    def link_models(self) -> list[vtkMRMLModelNode]:
+        """Models of the links of all robots."""
+        return [model for robot in self.robots.values() for model in robot.models.values()]
+
     @contextmanager
     def _content(self) -> Iterator[None]:
         """Context of changes that add or remove nodes."""

@@ -207,8 +207,7 @@ def _margin(
                 for ns, state in changes.items()
             }
             yield _displays(scene.scene, model, shown), model.GetDisplayNode()
-    links = [model for robot in scene.robots.values() for model in robot.models.values()]
-    for node in (margin.line, margin.plane.node, *links):
+    for node in (margin.line, margin.plane.node, *scene.link_models):
         visible = {stamps[0]: False, now_ns: bool(node.GetDisplayNode().GetVisibility())}
         if after_ns is not None:
             visible[after_ns] = False

@@ -135,11 +135,8 @@ class PlaneLines:
 
 def root_from_tumor(shown: ViewState, root: str) -> Transform | None:
     """Where the tumour of ``shown`` is in the scene's frame ``root``; None if it is not known."""
-    poses, frame = poses_in(root, shown.measured), shown.content.tumor.frame
-    holder = next((each for each in shown.content.static_edges if each.source == frame), None)
-    if holder is None or holder.target not in poses:
-        return None
-    return poses[holder.target] @ holder
+    poses, holder = poses_in(root, shown.measured), shown.content.frame_from_tumor
+    return poses[holder.target] @ holder if holder.target in poses else None
 
 
 def pixels_from_root(matrix: FloatArray | None) -> FloatArray:

@@ -57,10 +57,9 @@ class RobotSamples:
         self, run: int, content: SessionContent, robot: RobotSetup, excluded: tuple[Interval, ...]
     ) -> RegistrationTask:
         """The samples so far, to be fitted. 30,000 of them take 0.1 s."""
-        frame_from_tumor = next(e for e in content.static_edges if e.source == content.tumor.frame)
         targets_mm: FloatArray | None = None
         if self._reference_from_tumor_frame is not None:
-            placed = self._reference_from_tumor_frame @ frame_from_tumor
+            placed = self._reference_from_tumor_frame @ content.frame_from_tumor
             targets_mm = placed.apply(content.tumor.box_corners_mm)
         return RegistrationTask(
             run=run,
@@ -81,9 +80,6 @@ class RobotSamples:
         refused = REFUSED.intersection(step.decision.reasons)
         if refused:
             return ", ".join(sorted(reason.text for reason in refused))
-        tumor_frame = next(
-            (e.target for e in content.static_edges if e.source == content.tumor.frame), ""
-        )
         try:
             tool, oldest = step.edges.between(REFERENCE, tip_of(content, self._touch).target)
             link, joints = step.edges.between(robot.base_frame, robot.tool_link)
@@ -101,6 +97,7 @@ class RobotSamples:
             self._tool.append(tool)
             self._link.append(link)
             try:
+                tumor_frame = content.frame_from_tumor.target
                 self._reference_from_tumor_frame, _ = step.edges.between(REFERENCE, tumor_frame)
             except FrameError:
                 return ""  # the place of the tumour is that of an earlier step

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
-from slicer import vtkMRMLDisplayableNode, vtkMRMLMarkupsLineNode, vtkMRMLModelNode, vtkMRMLScene
+from slicer import vtkMRMLDisplayableNode, vtkMRMLMarkupsLineNode, vtkMRMLScene
 
 from app.geometry import FloatArray
 from app.runtime import SessionContent
@@ -49,7 +49,7 @@ def scene_png(
     with offscreen_view(application, "MarginGuardPicture", half) as view:
         with _hidden(margin.line):  # its label would cover the small tumour
             overview = _overview(view, scene)
-        with _hidden(*_robot_models(scene)):  # the robot would hide the tool
+        with _hidden(*scene.link_models):  # the robot would hide the tool
             close_up = _close_up(view, scene, _along(margin.line))
     gap = np.full((half[1], width - 2 * half[0], 3), 255, dtype=np.uint8)
     banner = state_strip(
@@ -89,13 +89,9 @@ def _look(
 
 def content_points(scene: MarginGuardScene) -> tuple[FloatArray, FloatArray]:
     """World points (n, 3) of the tumour, and (m, 3) of the tool and the robots."""
-    models = _robot_models(scene) if scene.tool is None else [*_robot_models(scene), scene.tool]
-    others = [world_points(model) for model in models]
+    models = (*scene.link_models, scene.tool)
+    others = [world_points(model) for model in models if model is not None]
     return world_points(scene.tumor), np.concatenate([np.empty((0, 3)), *others])
-
-
-def _robot_models(scene: MarginGuardScene) -> list[vtkMRMLModelNode]:
-    return [model for robot in scene.robots.values() for model in robot.models.values()]
 
 
 @contextmanager

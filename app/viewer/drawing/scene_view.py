@@ -142,8 +142,7 @@ class SceneView:
     @property
     def links(self) -> list[vtkMRMLModelNode]:
         """Models of the robots' links, with those of a planned one."""
-        robots = {} if self.scene is None else self.scene.robots
-        links = [model for robot in robots.values() for model in robot.models.values()]
+        links = [] if self.scene is None else self.scene.link_models
         return [*links, *self.added[Part.GHOST].values()]
 
     @property
@@ -221,14 +220,13 @@ class SceneView:
     def _displays(self, scene: MarginGuardScene, part: str) -> list[vtkMRMLDisplayNode]:
         if part in ADDED:
             return [node.GetDisplayNode() for node in self.added[Part(part)].values()]
-        links = [model for robot in scene.robots.values() for model in robot.models.values()]
         nodes = {
             Part.TUMOR: [scene.tumor],
             Part.STRUCTURES: list(scene.structures.nodes.values()),
             Part.MARGIN: [scene.margin_surface],
             Part.TOOL: [scene.tool],
             **{name: [scene.items.nodes.get(item.name)] for name, item in _RODS.items()},
-            Part.ROBOT: links,
+            Part.ROBOT: scene.link_models,
         }[part]
         return [node.GetDisplayNode() for node in nodes if node is not None]
 

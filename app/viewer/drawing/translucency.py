@@ -74,9 +74,8 @@ class TranslucentOrder:
     def _actors(
         self, scene: MarginGuardScene, bodies: Iterable[vtkMRMLModelNode]
     ) -> dict[vtkMRMLModelNode, vtkActor]:
-        links = [model for robot in scene.robots.values() for model in robot.models.values()]
         parts = (scene.tumor, scene.margin_surface, scene.tool)
-        models = [*parts, *scene.items.nodes.values(), *links, *bodies]
+        models = [*parts, *scene.items.nodes.values(), *scene.link_models, *bodies]
         return actors_of(self._models, filter(None, models))
 
     def _by_depth(
