@@ -19,7 +19,7 @@ from app.bridge.node import RosNode
 from app.bridge.ros_errors import BridgeError
 from app.bridge.sender_names import MAX_BYTES, SingleSender
 from app.bridge.topics import INCOMING, NEWEST, Topic
-from app.case import values_reader
+from app.case import message_decoder
 from app.case.messages.ros_messages import TRACKED_TRANSFORM
 from app.control import JointMeasurement, PoseMeasurement, WrenchMeasurement
 from app.fixture import PlainConstraint
@@ -174,7 +174,7 @@ class BasePose:
         self._setup: Setup | None = None
         self._samples: dict[str, TrackedTransform] = {}
         self._lock = threading.Lock()
-        self._read = values_reader(TRACKED_TRANSFORM)
+        self._read = message_decoder(TRACKED_TRANSFORM)
         self.refused = 0
         """Number of messages that could not be read."""
         self._sender = SingleSender(

@@ -55,7 +55,7 @@ from .manifest.expected import (
     write_expected,
 )
 from .manifest.images import MAX_DEPTH_MM, ImagesEntry
-from .manifest.key_rules import MarginEntry, check_topic
+from .manifest.key_rules import MarginEntry, StructureMargins, check_topic
 from .manifest.parts import (
     TUMOR_MESH_FRAME,
     ContourEntry,
@@ -74,8 +74,8 @@ from .manifest.plausibility import (
     SphereEntry,
 )
 from .manifest.robot import Dwell, RegistrationEntry, RobotEntry
-from .manifest.structures import ArmEntry, StructureEntry, StructureMargins
-from .messages.decoder import values_reader
+from .manifest.structures import ArmEntry, StructureEntry
+from .messages.decoder import message_decoder
 from .messages.message_values import message_definition, read_image_message
 from .new_case import (
     DOCUMENTS,
@@ -201,6 +201,7 @@ __all__ = [
     "image_depths",
     "load_expected",
     "load_manifest",
+    "message_decoder",
     "message_definition",
     "open_case",
     "open_case_images",
@@ -221,7 +222,6 @@ __all__ = [
     "standard_image",
     "tumor_from_contour",
     "tumor_from_segmentation",
-    "values_reader",
     "with_watchdog",
     "write_case",
     "write_case_manifest",

@@ -18,7 +18,7 @@ from app.case.images.probe_calibration import (
     read_image_calibration,
 )
 from app.case.manifest.images import ImageCalibrationEntry, ImagesEntry
-from app.case.messages.decoder import values_reader
+from app.case.messages.decoder import message_decoder
 from app.case.messages.message_values import read_image_message
 from app.case.messages.ros_messages import RANGE
 from app.case.readers.recording_format import MessagePlace, SideTopics, read_recording
@@ -178,7 +178,7 @@ def recorded_depths(path: Path) -> Iterator[RecordedDepth]:
 
     Raises `InputError` for a message that is no depth.
     """
-    read = values_reader(RANGE)
+    read = message_decoder(RANGE)
     for part in mcap_parts(path) if is_folder(path) else [path]:
         for _, data in read_placed_messages(part, IMAGE_DEPTH_TOPIC):
             values = read(data)

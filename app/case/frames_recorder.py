@@ -31,6 +31,7 @@ from app.case.messages.ros_messages import (
     time_reference_message,
     tracked_transform_bytes,
 )
+from app.files.atomic_io import writing
 from app.geometry import (
     InputError,
     Stamp,
@@ -74,10 +75,8 @@ class Recorder:
     def __enter__(self) -> Self:
         if self._path.exists():
             raise InputError(f"{self._path} already exists; refusing to overwrite it")
-        try:
+        with writing(self._path):
             self._file: IO[bytes] = self._partial.open("wb")
-        except OSError as error:
-            raise InputError(f"{self._path} cannot be written: {error.strerror}") from error
         self._writer = Writer(self._file, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
         self._writer.start(profile="ros2", library="marginguard")
         for topic, message_type in self._topics.items():

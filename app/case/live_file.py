@@ -23,7 +23,7 @@ from app.case.manifest.case_file import (
 )
 from app.case.manifest.display_items import ENERGY_DEVICE
 from app.case.manifest.images import LIVE_ACTIVATION, LIVE_IMAGES
-from app.case.manifest.key_rules import TOPIC, TOPIC_EXPECTED
+from app.case.manifest.key_rules import topic_text
 from app.case.manifest.robot import BY_MATRIX, BY_POINTS, REGISTRATION
 from app.case.messages.ros_messages import TRACKED_TRANSFORMS_TOPIC
 from app.files.bounded_io import is_file, is_folder
@@ -76,12 +76,7 @@ class TopicSourceEntry:
 
     topic: Annotated[
         str,
-        Text(
-            "topic of the poses",
-            default=TRACKED_TRANSFORMS_TOPIC,
-            pattern=TOPIC,
-            expected=TOPIC_EXPECTED,
-        ),
+        topic_text("topic of the poses", default=TRACKED_TRANSFORMS_TOPIC),
     ]
 
 

@@ -35,7 +35,7 @@ from app.cohort import (
 )
 from app.cohort.columns import FAILED, LOST, Row
 from app.cohort.dataset import PARTITION_CASES
-from app.files.atomic_io import write_file
+from app.files.atomic_io import write_file, writing
 from app.geometry import InputError, MarginGuardError
 
 if TYPE_CHECKING:
@@ -310,7 +310,7 @@ def _hash(case: CohortCase) -> tuple[str, str]:
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
     """Exclusive access to the folder of results; raises `InputError` if another run has it."""
-    try:
+    with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         with (folder / LOCK_FILE).open("w") as file:
             try:
@@ -320,5 +320,3 @@ def _locked(folder: Path) -> Iterator[None]:
                     f"{folder} is in use by another run; expected another folder, or its end"
                 ) from error
             yield
-    except OSError as error:
-        raise InputError(f"{folder} cannot be written: {error.strerror}") from error

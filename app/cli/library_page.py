@@ -69,12 +69,8 @@ class CaseReplays:
 
         with TemporaryDirectory() as report:
             command = ["replay", str(folder), "--no-ros", "--json", "--report", report]
-            process = subprocess.Popen(
-                ["nice", "-n", str(_NICE), *child_of_command(*command, *self._options)],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                start_new_session=True,
+            process = _started(
+                "nice", "-n", str(_NICE), *child_of_command(*command, *self._options)
             )
             self._running.append(process)
             try:
@@ -143,13 +139,8 @@ class OpenedPage:
         loop = asyncio.get_running_loop()
         await loop.run_in_executor(None, self.close)
         # In this thread: a child of another one would end with that thread.
-        process = self._process = subprocess.Popen(
-            child_of_command("--json", "view", str(folder), *self._options),
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            start_new_session=True,
-        )
+        command = child_of_command("--json", "view", str(folder), *self._options)
+        process = self._process = _started(*command)
         return await loop.run_in_executor(None, _urls, process)
 
     def close(self) -> None:
@@ -157,6 +148,16 @@ class OpenedPage:
         process, self._process = self._process, None
         if process is not None:
             _kill(process)
+
+
+def _started(*command: str) -> "subprocess.Popen[bytes]":
+    return subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
 
 
 def _urls(process: "subprocess.Popen[bytes]") -> "dict[Role, str]":

@@ -13,9 +13,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from datetime import datetime
 from typing import TYPE_CHECKING, Any, TextIO
 
-from app.fixture import MarginState, Reason
+from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import NS_PER_S
-from app.session import StepResult, ToolDistance
+from app.session import StepResult, StructureStep, ToolDistance
 
 if TYPE_CHECKING:
     from app.runtime import SessionContent
@@ -115,22 +115,17 @@ def _structures(step: StepResult) -> dict[str, Any]:
     off = {"off": dict(step.off)} if step.off else {}
     if not step.structures:
         return off
-    found = []
-    for each in step.structures:
-        proximity = each.decision.proximity
-        distance_mm = None if proximity is None else _finite(proximity.signed_distance_mm)
-        state = each.decision.state.name
-        values = {"name": each.name, "state": state, "signed_distance_mm": distance_mm}
-        far = each.at_least_mm
-        found.append(values if far is None else values | {"at_least_mm": far})
+    found = [_measured(each, each.decision) for each in step.structures]
     return {"structures": found, **off}
 
 
-def _tool(tool: ToolDistance) -> dict[str, Any]:
-    found = tool.proximity
-    distance_mm = None if found is None else _finite(found.signed_distance_mm)
-    values = {"name": tool.name, "state": tool.state.name, "signed_distance_mm": distance_mm}
-    return values if tool.at_least_mm is None else values | {"at_least_mm": tool.at_least_mm}
+def _measured(
+    each: StructureStep | ToolDistance, of: FixtureDecision | ToolDistance
+) -> dict[str, Any]:
+    """Name, state and distance of a structure or a tool, which ``of`` it has."""
+    mm = None if of.proximity is None else _finite(of.proximity.signed_distance_mm)
+    values = {"name": each.name, "state": of.state.name, "signed_distance_mm": mm}
+    return values if each.at_least_mm is None else values | {"at_least_mm": each.at_least_mm}
 
 
 def as_json_line(
@@ -161,7 +156,7 @@ def as_json_line(
             "tre_mm": None if margin is None else _finite(margin.tre_mm),
             "age_mm": None if margin is None else _finite(margin.age_mm),
             **_structures(step),
-            **({"tools": [_tool(each) for each in step.tools]} if step.tools else {}),
+            **({"tools": [_measured(each, each) for each in step.tools]} if step.tools else {}),
             "playback": bool(step.playback),
             "single_source": step.single_source,
             "model_id": content.model_id,

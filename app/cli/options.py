@@ -45,6 +45,13 @@ def add_tool(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_tip_only(parser: argparse.ArgumentParser) -> None:
+    """Add the check of the tip alone."""
+    parser.add_argument(
+        "--tip-only", action="store_true", help="check the tool's tip instead of its whole mesh"
+    )
+
+
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Add output for programs."""
     parser.add_argument("--json", action="store_true", help="print JSON instead of text")

@@ -17,13 +17,10 @@ if TYPE_CHECKING:
 _IMAGE_ENDINGS = (".igs.mha", ".igs.mhd", ".igs.nrrd", ".igs.nhdr")
 
 
-def describe_recording(path: Path, package_dirs: Sequence[Path]) -> FileInfo:
-    """Read the whole recording at ``path`` and count its content."""
-    return describe_at_rate(path, None)
-
-
-def describe_at_rate(path: Path, rate_hz: float | None) -> FileInfo:
-    """Describe a recording; ``rate_hz`` is that of frames without times."""
+def describe_recording(
+    path: Path, package_dirs: Sequence[Path] = (), rate_hz: float | None = None
+) -> FileInfo:
+    """Read the whole recording at ``path``; ``rate_hz`` is that of frames without times."""
     from app.case import RecordingInventory, read_recording
     from app.case.readers.recording_format import format_of, note_to
     from app.session import REFERENCE

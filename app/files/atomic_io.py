@@ -15,19 +15,25 @@ _PREFIX = ".partial-"
 
 
 @contextmanager
+def writing(path: Path, error: type[MarginGuardError] = InputError) -> Iterator[None]:
+    """Raise ``error``, which names ``path``, for an `OSError` of the body."""
+    try:
+        yield
+    except OSError as problem:
+        raise error(f"{path} cannot be written: {problem.strerror or problem}") from problem
+
+
+@contextmanager
 def atomic_file(path: Path, error: type[MarginGuardError] = InputError) -> Iterator[Path]:
     """Yield a temporary path of the same name; its file replaces ``path`` when the body succeeds.
 
     When the body raises, ``path`` stays as it was. An `OSError`, of the body too, becomes
     ``error``.
     """
-    try:
-        with _temporary_folder(path.absolute().parent) as temporary:
-            partial = Path(temporary) / path.name
-            yield partial
-            partial.replace(path)
-    except OSError as problem:
-        raise error(f"{path} cannot be written: {problem.strerror or problem}") from problem
+    with writing(path, error), _temporary_folder(path.absolute().parent) as temporary:
+        partial = Path(temporary) / path.name
+        yield partial
+        partial.replace(path)
 
 
 def write_file(path: Path, content: bytes) -> None:
@@ -43,7 +49,7 @@ def write_durably(path: Path, content: bytes, error: type[MarginGuardError] = In
     a time: the temporary file beside it has a fixed name, and a killed writer leaves one at most.
     """
     partial = path.with_name(f"{path.name}.new")
-    try:
+    with writing(path, error):
         descriptor = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, 0o600)
         with os.fdopen(descriptor, "wb") as file:
             file.write(content)
@@ -56,8 +62,6 @@ def write_durably(path: Path, content: bytes, error: type[MarginGuardError] = In
             os.fsync(folder)
         finally:
             os.close(folder)
-    except OSError as problem:
-        raise error(f"{path} cannot be written: {problem.strerror or problem}") from problem
 
 
 def write_files(folder: Path, contents: Mapping[str, bytes]) -> None:
@@ -86,13 +90,11 @@ def new_folder(folder: Path, *, may_be_empty: bool = False) -> Iterator[Path]:
         raise InputError(f"{folder} already exists; refusing to overwrite it{expected}")
     parent = folder.absolute().parent
     with ExitStack() as stack:
-        try:
+        with writing(folder):
             with suppress(FileExistsError):
                 parent.mkdir(parents=True)
             partial = Path(stack.enter_context(_temporary_folder(parent))) / folder.absolute().name
             partial.mkdir()
-        except OSError as error:
-            raise InputError(f"{folder} cannot be written: {error.strerror}") from error
         try:
             yield partial
             partial.rename(folder)
@@ -107,11 +109,9 @@ def staging_folder(folder: Path) -> Iterator[Path]:
     Nothing is left of it, nor of a created ``folder`` that is still empty. Raises `InputError`.
     """
     created = not folder.exists()
-    try:
+    with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         staging = _temporary_folder(folder)
-    except OSError as error:
-        raise InputError(f"{folder} cannot be written: {error.strerror}") from error
     try:
         with staging as path:
             yield Path(path)
@@ -137,11 +137,8 @@ def check_output_path(path: Path, error: type[MarginGuardError] = InputError) ->
     if path.is_dir() or not path.parent.is_dir():
         problem = "is a directory" if path.is_dir() else "parent directory does not exist"
         raise error(f"{path} cannot be written: {problem}")
-    try:
-        with tempfile.TemporaryFile(dir=path.parent):
-            pass
-    except OSError as os_error:
-        raise error(f"{path} cannot be written: {os_error.strerror}") from os_error
+    with writing(path, error), tempfile.TemporaryFile(dir=path.parent):
+        pass
 
 
 def _is_empty_folder(folder: Path) -> bool:

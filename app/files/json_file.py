@@ -8,6 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Self
 
+from app.files.atomic_io import writing
 from app.files.bounded_io import read_bounded
 from app.geometry import InputError
 
@@ -55,13 +56,11 @@ class JsonLinesFile:
         self.path = path
         self._max_bytes = max_bytes
         self._kept = kept
-        try:
+        with writing(path):
             path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
             if path.exists() and not path.is_file():
                 raise InputError(f"{path}: not a regular file; expected one, or a new name")
             self._descriptor, self._bytes = self._open()
-        except OSError as error:
-            raise InputError(f"{path} cannot be written: {error.strerror}") from error
 
     def append(self, line: Mapping[str, object]) -> None:
         """Write ``line`` to the disk. Raises `OSError`."""

@@ -11,12 +11,12 @@ from typing import Any
 
 from app.case import (
     ImageSequence,
+    message_decoder,
     open_live,
     read_image_message,
     recover_recording,
     tumor_from_contour,
     tumor_from_segmentation,
-    values_reader,
 )
 from app.case.manifest.case_file import load_manifest
 from app.case.manifest.expected import load_expected
@@ -121,7 +121,7 @@ def _message(kind: str) -> Callable[[Path], None]:
     """Reads the message twice, by a new layout and by a known one, and makes samples of it."""
 
     def parse(path: Path) -> None:
-        read = values_reader(kind)
+        read = message_decoder(kind)
         values: Any = [read(path.read_bytes()) for _ in range(2)][1]
         for each in values if type(values) is tuple else [values]:
             if isinstance(each, PoseValues):

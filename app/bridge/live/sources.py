@@ -23,7 +23,7 @@ from app.case import (
     LiveCase,
     LiveSourceEntry,
     TfSourceEntry,
-    values_reader,
+    message_decoder,
 )
 from app.case.manifest.images import ActivationEntry
 from app.case.messages.message_values import JointValues, PoseValues
@@ -67,7 +67,7 @@ class CountedSubscription:
         deliver: Callable[[Any], None] | None = None,
     ) -> None:
         self._name = topic.name
-        self._read = values_reader(message_type)
+        self._read = message_decoder(message_type)
         self._receive = receive
         self._deliver = deliver
         self._counts: Counter[str] = Counter()

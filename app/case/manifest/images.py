@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from app.case.manifest.display_items import ENERGY_DEVICE
-from app.case.manifest.key_rules import TOPIC, TOPIC_EXPECTED, YEAR_MS
+from app.case.manifest.key_rules import YEAR_MS, topic_text
 from app.files.declared import block_of, value_as
 from app.files.document import Section
 from app.files.keys import Block, Choice, Frame, ListOf, Number, Numbers, Text, Variant
@@ -109,11 +109,9 @@ IMAGES = Block(
             "probe, on the clock of the tracker; by default the recording",
             optional=True,
         ),
-        "topic": Text(
+        "topic": topic_text(
             "topic of sensor_msgs/Image in the recording, which is a bag in MCAP; instead of path",
             optional=True,
-            pattern=TOPIC,
-            expected=TOPIC_EXPECTED,
         ),
         **_PLACE,
         "orientation": Choice(
@@ -131,12 +129,10 @@ IMAGES = Block(
 LIVE_IMAGES = Block(
     "tracked ultrasound images on the clock of the tracker, shown on the page",
     {
-        "topic": Text(
+        "topic": topic_text(
             "topic of sensor_msgs/Image (mono8, mono16, rgb8); without it the images come over the "
             "OpenIGTLink connection of source.igtl",
             optional=True,
-            pattern=TOPIC,
-            expected=TOPIC_EXPECTED,
         ),
         "device": Text(
             "device name of the OpenIGTLink images; by default that of the first one",
@@ -215,12 +211,6 @@ class ActivationEntry:
 ONE_SOURCE = f"{ENERGY_DEVICE.name} has topic or device, and device needs source.igtl"
 
 _DAY_MS = 86_400_000
-_TOPIC = Text(
-    f"topic of std_msgs/Bool: true while {ENERGY_DEVICE.burns}",
-    optional=True,
-    pattern=TOPIC,
-    expected=TOPIC_EXPECTED,
-)
 _ACTIVATION_AGE = Number(
     "age after which what was said is unknown; longer than the period of the messages",
     default=1000.0,
@@ -231,10 +221,8 @@ _ACTIVATION_AGE = Number(
 ACTIVATION = Block(
     f"whether {ENERGY_DEVICE.burns}, shown and recorded only",
     {
-        "topic": Text(
-            f"topic of std_msgs/Bool in the recording, a bag: true while {ENERGY_DEVICE.burns}",
-            pattern=TOPIC,
-            expected=TOPIC_EXPECTED,
+        "topic": topic_text(
+            f"topic of std_msgs/Bool in the recording, a bag: true while {ENERGY_DEVICE.burns}"
         ),
         "stale_after_ms": _ACTIVATION_AGE,
     },
@@ -244,7 +232,9 @@ ACTIVATION = Block(
 LIVE_ACTIVATION = Block(
     f"whether {ENERGY_DEVICE.burns}, shown and recorded only; it changes no margin",
     {
-        "topic": _TOPIC,
+        "topic": topic_text(
+            f"topic of std_msgs/Bool: true while {ENERGY_DEVICE.burns}", optional=True
+        ),
         "device": Text(
             "device name of OpenIGTLink STRING messages (on, off) of source.igtl, instead of topic",
             optional=True,

@@ -3,11 +3,11 @@
 import math
 import re
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 from app.files.declared import block_of
 from app.files.document import Section
-from app.files.keys import Block, Integer, Number, Numbers
+from app.files.keys import Block, Integer, Number, Numbers, Text
 from app.geometry import InputError, Transform
 
 RIGID = "a matrix is rigid: orthonormal without reflection, last row 0 0 0 1"
@@ -27,6 +27,11 @@ def check_topic(topic: str, where: str) -> str:
     if not TOPIC.fullmatch(topic):
         raise InputError(f"{where} is {topic!r}; expected {TOPIC_EXPECTED}")
     return topic
+
+
+def topic_text(description: str, **options: Any) -> Text:
+    """Return the key of a ROS topic; ``options`` are those of `Text`."""
+    return Text(description, pattern=TOPIC, expected=TOPIC_EXPECTED, **options)
 
 
 def pose_block(description: str, *, optional: bool = False) -> Block:
@@ -57,12 +62,8 @@ SESSION_LIMITS = (
 
 
 @dataclass(frozen=True, slots=True)
-class MarginEntry:
-    """The margins of the fixture, and the limits of freshness.
-
-    A better state is entered only after ``release_samples`` samples that lie ``release_band_mm``
-    beyond the boundary. A pose that is constant for ``frozen_after_ns`` is frozen.
-    """
+class StructureMargins:
+    """Distances of one structure."""
 
     stop_mm: Annotated[
         float,
@@ -72,6 +73,24 @@ class MarginEntry:
         float,
         Number("distance below which the state is WARNING; must be more than stop_mm", minimum=0.0),
     ]
+
+    def check(self, block: Section) -> None:
+        """Raise `InputError` unless the warning comes before the stop."""
+        if self.warn_mm <= self.stop_mm:
+            raise InputError(
+                f"{block.place('warn_mm')} is {self.warn_mm:g}; "
+                f"expected more than stop_mm ({self.stop_mm:g})"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class MarginEntry(StructureMargins):
+    """The margins of the fixture, and the limits of freshness.
+
+    A better state is entered only after ``release_samples`` samples that lie ``release_band_mm``
+    beyond the boundary. A pose that is constant for ``frozen_after_ns`` is frozen.
+    """
+
     k_tre: Annotated[
         float,
         Number("multiple of the registration's sigma that is added to both distances", minimum=0.0),
@@ -106,14 +125,6 @@ class MarginEntry:
             maximum=YEAR_MS,
         ),
     ]
-
-    def check(self, block: Section) -> None:
-        """Raise `InputError` unless the warning comes before the stop."""
-        if self.warn_mm <= self.stop_mm:
-            raise InputError(
-                f"{block.place('warn_mm')} is {self.warn_mm:g}; "
-                f"expected more than stop_mm ({self.stop_mm:g})"
-            )
 
 
 MARGINS = block_of(

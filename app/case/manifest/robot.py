@@ -6,13 +6,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Annotated, Literal
 
-from app.case.manifest.key_rules import (
-    MATRIX,
-    REFERENCE_FRAME,
-    RIGID,
-    TOPIC,
-    TOPIC_EXPECTED,
-)
+from app.case.manifest.key_rules import MATRIX, REFERENCE_FRAME, RIGID, topic_text
 from app.files.declared import By, block_of, read_as
 from app.files.document import Section
 from app.files.keys import (
@@ -51,11 +45,9 @@ class RobotEntry:
     tool_link: Annotated[str, Text("link whose origin is the tip of the tool")]
     joint_states: Annotated[
         str | None,
-        Text(
+        topic_text(
             "topic of the joints; without it the robot follows the tool by inverse kinematics",
             optional=True,
-            pattern=TOPIC,
-            expected=TOPIC_EXPECTED,
         ),
     ]
     xacro_args: Annotated[Mapping[str, str], XACRO_ARGS] = field(default_factory=dict)

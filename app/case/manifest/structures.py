@@ -5,7 +5,13 @@ from dataclasses import dataclass, fields, replace
 from typing import Annotated, Any, Literal
 
 from app.case.manifest.display_items import ItemEntry
-from app.case.manifest.key_rules import MARGINS, REFERENCE_FRAME, MarginEntry, read_pose
+from app.case.manifest.key_rules import (
+    MARGINS,
+    REFERENCE_FRAME,
+    MarginEntry,
+    StructureMargins,
+    read_pose,
+)
 from app.case.manifest.parts import (
     PARTS,
     TUMOR_MESH_FRAME,
@@ -25,24 +31,8 @@ from app.geometry import InputError
 
 MAX_STRUCTURES = 100
 
-_OWN_MARGINS = ("stop_mm", "warn_mm")
+_OWN_MARGINS = tuple(each.name for each in fields(StructureMargins))
 """Margins that each structure has; the others are those of the case."""
-
-
-@dataclass(frozen=True, slots=True)
-class StructureMargins:
-    """Distances of one structure."""
-
-    stop_mm: Annotated[float, MARGINS.keys["stop_mm"]]
-    warn_mm: Annotated[float, MARGINS.keys["warn_mm"]]
-
-    def check(self, block: Section) -> None:
-        """Raise `InputError` unless the warning comes before the stop."""
-        if self.warn_mm <= self.stop_mm:
-            raise InputError(
-                f"{block.place('warn_mm')} is {self.warn_mm:g}; "
-                f"expected more than stop_mm ({self.stop_mm:g})"
-            )
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -192,15 +192,6 @@ _VALUES_OF: dict[str, Callable[[Any], Any]] = {
 }
 
 
-def values_reader(message_type: str) -> Callable[[bytes], Any]:
-    """A decoder for messages of ``message_type`` from a live topic, in CDR.
-
-    It returns the values that `app.case.messages.message_values` defines for the type, and raises
-    `InputError` for bytes that are not such a message.
-    """
-    return message_decoder(message_type)
-
-
 class MessageDecoder:
     """Decodes messages of one type; made by `message_decoder`."""
 
@@ -230,8 +221,9 @@ def message_decoder(
     """A decoder for messages of ``message_type`` as a recording defines it.
 
     ``definition`` is a ``ros2msg`` schema, or a ``ros2idl`` one where ``idl``; without one the type
-    is taken as ROS 2 Jazzy has it. Raises `InputError` for an unusable definition. The decoder
-    raises it for bytes that are not such a message.
+    is taken as ROS 2 Jazzy has it, as for a live topic. Raises `InputError` for an unusable
+    definition. The decoder returns the values that `app.case.messages.message_values` defines for
+    the type, and raises `InputError` for bytes that are not such a message.
     """
     definitions = _definitions(message_type, definition, idl=idl)
     read_bytes = bytes_reader(definitions, message_type)

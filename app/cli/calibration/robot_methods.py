@@ -13,8 +13,8 @@ from app.cli.options import clock_offset_ms, frame_name
 from app.geometry import NS_PER_MS, InputError
 
 if TYPE_CHECKING:
-    from app.case import Case, JointSample
-    from app.cli.calibration.calibration_inputs import CalibrationInputs, Recording
+    from app.case import JointSample
+    from app.cli.calibration.calibration_inputs import CalibrationInputs
     from app.cli.calibration.calibration_result import CalibrationResult
     from app.geometry import Stamp, Transform
     from app.registration import RegistrationResult, TimedSignal
@@ -143,7 +143,10 @@ def find_robot_base(inputs: "CalibrationInputs") -> "CalibrationResult":
     from app.session import load_case_robot
 
     recording, track = inputs.recording, inputs.tool_track
-    case, base, link = _case_with_joints(recording)
+    case = recording.case
+    if case is None or case.manifest.robot is None or not case.has_joints:
+        raise InputError(f"{recording.path} has no joints; expected a case with robot.joint_states")
+    base, link = case.manifest.robot.base_frame, case.manifest.robot.tool_link
     robot = load_case_robot(case)
     joints = sorted(
         (sample for frame in recording.frames for sample in frame.joints),
@@ -202,14 +205,6 @@ def find_robot_base(inputs: "CalibrationInputs") -> "CalibrationResult":
         others=(result.tip_from_sensor,),
         notes=track.notes,
     )
-
-
-def _case_with_joints(recording: "Recording") -> "tuple[Case, str, str]":
-    """The case of the recording, the robot's base frame and its tool link."""
-    case = recording.case
-    if case is None or case.manifest.robot is None or not case.has_joints:
-        raise InputError(f"{recording.path} has no joints; expected a case with robot.joint_states")
-    return case, case.manifest.robot.base_frame, case.manifest.robot.tool_link
 
 
 def _link_pose_at(

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 
 from app import __version__
 from app.cli.dicom_folder import VOXEL_MM, resected_structures, write_dicom
-from app.cli.options import add_case, add_tool, file_path, folder_path, quantity
+from app.cli.options import add_case, add_tip_only, add_tool, file_path, folder_path, quantity
 from app.cli.process import GcPause
 from app.cli.progress import with_progress
 from app.files import check_output_path, write_file
-from app.files.atomic_io import write_files
+from app.files.atomic_io import write_files, writing
 from app.files.extras import check_installed
 from app.geometry import NS_PER_S, InputError
 
@@ -112,9 +112,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="length of the tool's cutting part from its tip, for the swept volume and the "
         "resected specimen (default: 10)",
     )
-    parser.add_argument(
-        "--tip-only", action="store_true", help="check the tool's tip instead of its whole mesh"
-    )
+    add_tip_only(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -165,10 +163,8 @@ def run(options: argparse.Namespace) -> int:
     document = analysis_document(analysis, case.methods)
     text = json.dumps(document, indent=2, allow_nan=False)
     if options.csv is not None:
-        try:
+        with writing(options.csv):
             write_files(options.csv, analysis_csv(analysis))
-        except OSError as error:
-            raise InputError(f"{options.csv} cannot be written: {error.strerror}") from error
     if options.html is not None:
         write_file(options.html, analysis_page(case, case.figures()).encode())
     if options.parquet is not None:

@@ -71,12 +71,12 @@ def _is_case(path: Path) -> bool:
 
 def _describe_file(options: argparse.Namespace) -> int:
     from app.cli.file_info import describe_file
-    from app.cli.recording_info import describe_at_rate
+    from app.cli.recording_info import describe_recording
 
     found = (
         describe_file(options.path, options.package_dirs)
         if options.rate_hz is None
-        else describe_at_rate(options.path, options.rate_hz)
+        else describe_recording(options.path, rate_hz=options.rate_hz)
     )
     print(json.dumps(asdict(found), indent=2) if options.json else found.as_text())
     return 0

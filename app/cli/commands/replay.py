@@ -14,7 +14,15 @@ from contextlib import ExitStack, nullcontext
 from typing import TYPE_CHECKING
 
 from app.cli.bag_writing import BagProcess, bag_of
-from app.cli.options import add_case, add_json, add_tool, file_path, folder_path, quantity
+from app.cli.options import (
+    add_case,
+    add_json,
+    add_tip_only,
+    add_tool,
+    file_path,
+    folder_path,
+    quantity,
+)
 from app.cli.process import GcPause, SignalState, note_signals
 from app.cli.progress import with_progress
 from app.cli.replay_report import ReplayReport, Stopwatch, summary_text
@@ -90,9 +98,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--loop", action="store_true", help="start again at the end, with --rate")
     parser.add_argument("--no-ros", action="store_true", help="publish nothing, load no ROS")
-    parser.add_argument(
-        "--tip-only", action="store_true", help="check the tool's tip instead of its whole mesh"
-    )
+    add_tip_only(parser)
     parser.add_argument(
         "--timing", action="store_true", help="print the duration of each stage to standard error"
     )

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.cli.options import add_package_dirs, input_argument
+from app.cli.options import add_package_dirs, add_tip_only, input_argument
 from app.cli.process import note_signals
 from app.cli.ros import load_ros
 from app.geometry import NS_PER_S, InputError
@@ -46,9 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--load", metavar="CASE", help="open this case at once, its folder below DIR"
     )
     add_package_dirs(parser)
-    parser.add_argument(
-        "--tip-only", action="store_true", help="check the tool's tip instead of its whole mesh"
-    )
+    add_tip_only(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -60,7 +58,6 @@ def run(options: argparse.Namespace) -> int:
         from app.bridge.replay_node import ReplayServer
         from app.bridge.tf import TransformBuffer
         from app.bridge.tf_topics import TfListener
-        from app.cli.commands.serve import ServedCases
 
         cases = ServedCases(
             options.cases, package_dirs=options.package_dirs, tip_only=options.tip_only
