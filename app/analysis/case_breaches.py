@@ -26,16 +26,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from app.analysis.samples import Breach, CaseSamples, find_breaches
 from app.analysis.smoothing import Jitter, Smoothing, smooth
 from app.geometry import FloatArray, InputError, anatomical_words
 from app.session import is_tip, place_letters
-
-# Here the distance is a smooth function of time plus the jitter of the tracker, with the
-# autocorrelation that `app.analysis.smoothing` estimates, and the depth is the minimum of the
-# smooth function.
 
 DRAWS = 4000
 MAX_SAMPLES = 200
@@ -272,22 +267,41 @@ def analyse_breaches(
     ``bias_sigma_mm`` as in `estimate_depth`.
     """
     found = find_breaches(samples.rows(), stale_after_ns)
-    times, measured = samples.times_s, samples.measured()
-    limits = _search_limits(found)
-    return tuple(
-        _analysed(
-            samples,
-            times,
-            measured,
-            breach,
-            limit,
-            jitter,
-            centroid_mm,
-            ras_from_tumor,
-            bias_sigma_mm,
+    measured = samples.measured()
+    times, distances = samples.times_s[measured], samples.distances_mm[measured]
+    analysed = []
+    for breach, (from_s, until_s) in zip(found, _search_limits(found), strict=True):
+        near = (times >= breach.start_s - PAD_S) & (times <= breach.end_s + PAD_S)
+        near_s = times[near]
+        estimate = None
+        if jitter is not None and ((near_s >= breach.start_s) & (near_s <= breach.end_s)).any():
+            estimate = estimate_depth(
+                near_s,
+                distances[near],
+                jitter,
+                start_s=max(from_s, float(near_s[0])),
+                end_s=min(until_s, float(near_s[-1])),
+                bias_sigma_mm=bias_sigma_mm,
+                seed=breach.first,
+            )
+        place_mm = samples.on_tumor_mm[breach.deepest]
+        letters = place_letters(place_mm - centroid_mm, ras_from_tumor)
+        x, y, z = place_mm.tolist()
+        analysed.append(
+            AnalysedBreach(
+                breach.start_s,
+                breach.end_s,
+                breach.frames,
+                breach.min_signed_distance_mm,
+                estimate,
+                _entry_speed(times, distances, breach.start_s),
+                anatomical_words(letters),
+                anatomical_words(letters[:1]),
+                (x, y, z),
+                _part(samples.on_tool_mm[breach.deepest]),
+            )
         )
-        for breach, limit in zip(found, limits, strict=True)
-    )
+    return tuple(analysed)
 
 
 def _search_limits(found: Sequence[Breach]) -> list[tuple[float, float]]:
@@ -301,49 +315,6 @@ def _search_limits(found: Sequence[Breach]) -> list[tuple[float, float]]:
         (max(breach.start_s - EDGE_S, bounds[k]), min(breach.end_s + EDGE_S, bounds[k + 1]))
         for k, breach in enumerate(found)
     ]
-
-
-def _analysed(
-    samples: CaseSamples,
-    times: FloatArray,
-    measured: NDArray[np.intp],
-    breach: Breach,
-    limit_s: tuple[float, float],
-    jitter: Jitter | None,
-    centroid_mm: FloatArray,
-    ras_from_tumor: FloatArray | None,
-    bias_sigma_mm: float,
-) -> AnalysedBreach:
-    deepest = breach.deepest
-    letters = place_letters(samples.on_tumor_mm[deepest] - centroid_mm, ras_from_tumor)
-    x, y, z = samples.on_tumor_mm[deepest].tolist()
-    near = measured[
-        (times[measured] >= breach.start_s - PAD_S) & (times[measured] <= breach.end_s + PAD_S)
-    ]
-    inside = (times[near] >= breach.start_s) & (times[near] <= breach.end_s)
-    estimate = None
-    if jitter is not None and inside.any():
-        estimate = estimate_depth(
-            times[near],
-            samples.distances_mm[near],
-            jitter,
-            start_s=max(limit_s[0], float(times[near[0]])),
-            end_s=min(limit_s[1], float(times[near[-1]])),
-            bias_sigma_mm=bias_sigma_mm,
-            seed=breach.first,
-        )
-    return AnalysedBreach(
-        breach.start_s,
-        breach.end_s,
-        breach.frames,
-        breach.min_signed_distance_mm,
-        estimate,
-        _entry_speed(times[measured], samples.distances_mm[measured], breach.start_s),
-        anatomical_words(letters),
-        anatomical_words(letters[:1]),
-        (x, y, z),
-        _part(samples.on_tool_mm[deepest]),
-    )
 
 
 def _entry_speed(times: FloatArray, distances: FloatArray, start_s: float) -> float | None:

@@ -174,33 +174,26 @@ def find_breaches(rows: Sequence[DistanceRow], stale_after_ns: int) -> tuple[Bre
     divides one.
     """
     rule = InsideRuns(stale_after_ns)
-    runs: list[list[int]] = []
+    runs: list[list[tuple[float, int]]] = []
     for index, row in enumerate(rows):
-        found = rule.observe(row.stamp_ns, row.signed_distance_mm)
+        distance_mm = row.signed_distance_mm
+        found = rule.observe(row.stamp_ns, distance_mm)
         if found is InsideRun.BEGINS:
-            runs.append([index])
-        elif found is InsideRun.CONTINUES:
-            runs[-1].append(index)
+            runs.append([])
+        if distance_mm is not None and found in (InsideRun.BEGINS, InsideRun.CONTINUES):
+            runs[-1].append((distance_mm, index))
     return tuple(_breach(rows, run) for run in runs)
 
 
-def _breach(rows: Sequence[DistanceRow], run: list[int]) -> Breach:
-    first_ns = rows[0].stamp_ns
-    depth, deepest = min((distance, index) for index, distance in _distances(rows, run))
+def _breach(rows: Sequence[DistanceRow], run: list[tuple[float, int]]) -> Breach:
+    first_ns, first, last = rows[0].stamp_ns, run[0][1], run[-1][1]
+    depth, deepest = min(run)
     return Breach(
-        start_s=(rows[run[0]].stamp_ns - first_ns) / NS_PER_S,
-        end_s=(rows[run[-1]].stamp_ns - first_ns) / NS_PER_S,
+        start_s=(rows[first].stamp_ns - first_ns) / NS_PER_S,
+        end_s=(rows[last].stamp_ns - first_ns) / NS_PER_S,
         min_signed_distance_mm=depth,
         deepest=deepest,
         frames=len(run),
-        first=run[0],
-        last=run[-1],
+        first=first,
+        last=last,
     )
-
-
-def _distances(rows: Sequence[DistanceRow], run: list[int]) -> list[tuple[int, float]]:
-    return [
-        (index, distance)
-        for index in run
-        if (distance := rows[index].signed_distance_mm) is not None
-    ]

@@ -62,7 +62,7 @@ def read_signal(path: Path) -> tuple[list[int], FloatArray]:
             if not 2 <= len(row) <= _MAX_COLUMNS or (values and len(row) != len(values[0]) + 1):
                 expected = len(values[0]) + 1 if values else f"2 to {_MAX_COLUMNS}"
                 raise InputError(f"{place} has {len(row)} columns; expected {expected}")
-            times.append(_time_ns(row[0], place))
+            times.append(parse_stamp(row[0], place).ns)
             values.append(parse_numbers(" ".join(row[1:]), len(row) - 1, place))
     except csv.Error as error:
         raise InputError(f"{path} is not a table: {error}") from error
@@ -79,8 +79,9 @@ def _is_header(row: list[str]) -> bool:
     return False
 
 
-def _time_ns(text: str, place: str) -> int:
+def parse_stamp(text: str, place: str) -> Stamp:
+    """Parse a time in s. Raises `InputError`, with ``place``, for another text."""
     try:
-        return Stamp.from_seconds(text).ns
+        return Stamp.from_seconds(text)
     except MarginGuardError as error:
         raise InputError(f"{place}: {error}") from error

@@ -14,7 +14,8 @@ is not read by SimpleITK, which is an optional dependency.
 import json
 import signal
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -135,8 +136,15 @@ def _matrix(line: bytes, place: str) -> FloatArray:
             f"{place} has {len(parameters)} parameters and {len(centre)} fixed ones; "
             "expected 12 and 3"
         )
-    try:
+    with _named(place):
         return matrix_from_parameters(parameters, centre, place)
+
+
+@contextmanager
+def _named(place: object) -> Iterator[None]:
+    """Name ``place`` in the `InputError` that each fault of a matrix or a frame raises."""
+    try:
+        yield
     except InputError:
         raise
     except MarginGuardError as error:
@@ -180,16 +188,10 @@ def read_transform(path: Path, *, target: str, source: str) -> Transform:
     Slicer's ``.h5`` is recognised by its content and needs h5py. Frames are checked in YAML, the
     only format that has them. Raises `InputError` for a file that does not hold a rigid transform.
     """
-    try:
-        if path.suffix.lower() not in _YAML:
-            return Transform.from_matrix(_matrix_of(path), target=target, source=source)
-        document = Section.load(path, _DOCUMENT)
-        _check_frames(document, target, source)
-        return Transform.from_matrix(document.numbers("matrix"), target=target, source=source)
-    except InputError:
-        raise
-    except MarginGuardError as error:
-        raise InputError(f"{path}: {error}") from error
+    with _named(path):
+        return Transform.from_matrix(
+            read_affine(path, target=target, source=source), target=target, source=source
+        )
 
 
 def read_any_transform(path: Path) -> tuple[FloatArray, tuple[str, str] | None]:
@@ -211,16 +213,12 @@ def read_affine(path: Path, *, target: str, source: str) -> FloatArray:
 
     Raises `InputError` for another kind of file.
     """
-    try:
+    with _named(path):
         if path.suffix.lower() not in _YAML:
             return _matrix_of(path)
         document = Section.load(path, _DOCUMENT)
         _check_frames(document, target, source)
         return np.array(document.numbers("matrix")).reshape(4, 4)
-    except InputError:
-        raise
-    except MarginGuardError as error:
-        raise InputError(f"{path}: {error}") from error
 
 
 def _to_yaml(transform: Transform, note: str) -> str:

@@ -18,7 +18,7 @@ _MAX_DIRECTORY_BYTES = 2 << 20
 _END, _END_BYTES, _LONGEST_COMMENT = b"PK\5\6", 22, (1 << 16) - 1
 _END_64, _END_64_BYTES = b"PK\6\7", 20
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-_DAMAGE = (zipfile.BadZipFile, zlib.error, struct.error, EOFError, ValueError, RuntimeError)
+DAMAGE = (zipfile.BadZipFile, zlib.error, struct.error, EOFError, ValueError, RuntimeError)
 """Errors of `zipfile` for damaged bytes, passwords and unknown compression methods."""
 
 
@@ -44,7 +44,7 @@ def unpack_folder(
                         continue
                     relative = path if inner is None else path.relative_to(inner)
                     left = _write(opened, entry, partial / relative, left, what)
-    except _DAMAGE as error:
+    except DAMAGE as error:
         raise InputError(f"{what}: damaged ({error}); expected a zip file") from error
 
 

@@ -1,9 +1,7 @@
 """Save and load a scene as MRML's own bundle (``.mrb``), which 3D Slicer opens."""
 
-import struct
 import tempfile
 import zipfile
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
@@ -17,6 +15,7 @@ from vtkmodules.vtkCommonCore import (
 )
 
 from app.files.atomic_io import atomic_file, check_output_path
+from app.files.zip_folder import DAMAGE
 from app.scene.offscreen import SceneError
 
 SCENE_ENDING = ".mrb"
@@ -24,8 +23,6 @@ SCENE_ENDING = ".mrb"
 _MAX_FILES = 20_000
 _MAX_BYTES = 4 * 1024**3
 """Limit of all files of a bundle together, unpacked."""
-_DAMAGE = (zipfile.BadZipFile, zlib.error, struct.error, EOFError, ValueError, RuntimeError)
-"""Errors of `zipfile` for damaged bytes, a password and an unknown compression method."""
 
 
 def save_scene(scene: vtkMRMLScene, path: Path) -> None:
@@ -85,7 +82,7 @@ def _check_bundle(path: Path) -> None:
             damaged = bundle.testzip()
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except _DAMAGE as error:
+    except DAMAGE as error:
         raise SceneError(f"{path}: damaged: {error}; expected a scene bundle") from error
     if damaged is not None:
         raise SceneError(f"{path}: damaged: wrong checksum of {damaged}; expected a scene bundle")

@@ -7,7 +7,6 @@ volume; for a single slice it has no meaning. PLUS converts every image to MF wh
 and ``ImageToProbe`` is for that orientation.
 """
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -122,6 +121,8 @@ def read_layout(fields: Mapping[str, str], path: Path, header_bytes: int) -> Ima
         )
     found = _nrrd(fields, path, sizes) if nrrd else _metafile(fields, path, sizes)
     name, channels, columns, rows, count, big_endian, packed, file, stored = found
+    if file is not None and (file.split(" ")[0].upper() == "LIST" or "%" in file):
+        raise InputError(f"{path}: its images are in several files ({file[:60]}); expected one")
     code = _TYPES.get(name)
     if code is None or channels not in (1, 3) or (channels == 3 and not code.endswith("1")):
         raise InputError(
@@ -181,8 +182,6 @@ def _metafile(fields: Mapping[str, str], path: Path, sizes: list[int]) -> _Found
     )
     channels = _integers(fields, "elementnumberofchannels", path) or [1]
     file = fields.get("elementdatafile", "")
-    if file.split(" ")[0].upper() == "LIST" or "%" in file:
-        raise InputError(f"{path}: its images are in several files ({file[:60]}); expected one")
     stored = _integers(fields, "compresseddatasize", path) if packed else []
     return (
         fields.get("elementtype", ""), channels[0], columns, rows, others[-1] if others else 1,
@@ -216,8 +215,6 @@ def _nrrd(fields: Mapping[str, str], path: Path, sizes: list[int]) -> _Found:
     if encoding not in ("raw", "gz", "gzip"):
         raise InputError(f"{path}: encoding is {encoding[:60]!r}; expected raw or gzip")
     file = fields.get("data file", fields.get("datafile"))
-    if file is not None and (file.split(" ")[0].upper() == "LIST" or "%" in file):
-        raise InputError(f"{path}: its images are in several files ({file[:60]}); expected one")
     return (
         fields.get("type", ""), channels, axes[0][1], axes[1][1], count or 1,
         fields.get("endian", "little").lower() == "big", encoding != "raw", file, None,
@@ -241,11 +238,6 @@ def _boolean(fields: Mapping[str, str], key: str, path: Path, *, default: bool) 
     if text not in ("true", "false"):
         raise InputError(f"{path}: {key} is {text[:60]!r}; expected True or False")
     return text == "true"
-
-
-def total_bytes(layout: ImageLayout) -> int:
-    """Bytes of all images, unpacked."""
-    return math.prod((layout.count, layout.image_bytes))
 
 
 def as_pixels(content: bytes, layout: ImageLayout) -> np.ndarray[Any, np.dtype[np.integer[Any]]]:

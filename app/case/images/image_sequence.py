@@ -16,7 +16,6 @@ from app.case.images.image_layout import (
     checked_orientation,
     read_layout,
     to_standard,
-    total_bytes,
 )
 from app.case.readers.igsio.igsio_header import (
     FrameFields,
@@ -84,7 +83,7 @@ class PixelFile:
 
     def _check_size(self) -> None:
         layout = self._layout
-        total = total_bytes(layout)
+        total = layout.count * layout.image_bytes
         found = max(0, self._file.seek(0, 2) - layout.offset)
         declared = f"{layout.count} images of {layout.columns} x {layout.rows}"
         if not layout.compressed and found != total:

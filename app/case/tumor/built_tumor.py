@@ -19,9 +19,6 @@ from app.case.tumor.nrrd_file import NrrdVolume, read_nrrd
 from app.files.landmarks import read_points
 from app.geometry import FloatArray, InputError, MeshError, SurfaceMesh
 
-# A ``.seg.nrrd`` lists its segments in header fields ``Segment0_Name``, ``Segment0_ID``,
-# ``Segment0_LabelValue`` and ``Segment0_Layer``.
-
 MAX_LABELS = 256
 """Distinct values of a plain label map; a file with more is refused as an image."""
 

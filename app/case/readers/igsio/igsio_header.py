@@ -18,12 +18,11 @@ import numpy as np
 from app.case.frame_streams import TrackingFrame, agreed_sample
 from app.case.readers.recording_format import Note
 from app.files.bounded_io import open_for_reading
-from app.files.numbers import parse_numbers
+from app.files.numbers import parse_numbers, parse_stamp
 from app.geometry import (
     NS_PER_S,
     FrameError,
     InputError,
-    MarginGuardError,
     Stamp,
     TrackedTransform,
     TrackingStatus,
@@ -118,17 +117,18 @@ class FrameFields:
         """The time in the field ``name``, None without it; `InputError` for another text."""
         if name not in self.fields:
             return None
-        line, value = self.fields[name]
-        try:
-            return Stamp.from_seconds(value)
-        except MarginGuardError as error:
-            raise InputError(f"{path} line {line} (frame {self.index}, {name}): {error}") from error
+        return parse_stamp(*self._field(path, name))
 
     def matrix(self, path: str, name: str) -> tuple[list[float], str]:
         """The 16 numbers of the transform ``name`` and its status; a missing one counts as OK."""
-        line, value = self.fields[name]
-        numbers = parse_numbers(value, 16, f"{path} line {line} (frame {self.index}, {name})")
+        value, place = self._field(path, name)
+        numbers = parse_numbers(value, 16, place)
         return numbers, self.fields.get(f"{name}Status", (0, "OK"))[1]
+
+    def _field(self, path: str, name: str) -> tuple[str, str]:
+        """The text of a field, and its place in messages."""
+        line, value = self.fields[name]
+        return value, f"{path} line {line} (frame {self.index}, {name})"
 
 
 def is_transform(name: str) -> bool:

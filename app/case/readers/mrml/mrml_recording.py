@@ -24,12 +24,10 @@ from app.case.readers.mrml.mrml_scene import (
     read_mrml_document,
 )
 from app.case.readers.recording_format import Note
-from app.files.numbers import parse_numbers
+from app.files.numbers import parse_numbers, parse_stamp
 from app.files.transforms import read_hdf5_matrices
 from app.geometry import (
     InputError,
-    MarginGuardError,
-    Stamp,
     TrackedTransform,
     TrackingStatus,
 )
@@ -109,7 +107,9 @@ def _samples(
         where = files.where
         held = _items(files, scene, entry, frames, where)
     lost = [
-        TrackedTransform.lost(frames[1], frames[0], _stamp(time, where), _lost_status(word, where))
+        TrackedTransform.lost(
+            frames[1], frames[0], parse_stamp(time, where), _lost_status(word, where)
+        )
         for time, word in entry.lost
     ]
     yield from heapq.merge(held, sorted(lost, key=_ns), key=_ns)
@@ -174,7 +174,7 @@ def _items(
             if node.matrix
             else matrices[node.file_name]
         )
-        yield tracked_sample(numbers, node.status, frames, _stamp(time, where))
+        yield tracked_sample(numbers, node.status, frames, parse_stamp(time, where))
 
 
 def _matrices(files: MrmlFiles, names: list[str], where: str) -> dict[str, list[float]]:
@@ -189,13 +189,6 @@ def _matrices(files: MrmlFiles, names: list[str], where: str) -> dict[str, list[
             contents.append(files.budget.read(file, f"{where}: {name}"))
     found = read_hdf5_matrices(contents, [f"{where}: {name}" for name in names])
     return {name: matrix.ravel().tolist() for name, matrix in zip(names, found, strict=True)}
-
-
-def _stamp(time: str, where: str) -> Stamp:
-    try:
-        return Stamp.from_seconds(time)
-    except MarginGuardError as error:
-        raise InputError(f"{where}: {error}") from error
 
 
 def _lost_status(word: str, where: str) -> TrackingStatus:

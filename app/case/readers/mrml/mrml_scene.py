@@ -5,9 +5,7 @@ Slicer, which only `app.scene` may load and which opens every file that a scene 
 """
 
 import re
-import struct
 import zipfile
-import zlib
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
@@ -19,6 +17,7 @@ from urllib.parse import unquote
 from app.files.bounded_io import open_for_reading
 from app.files.paths import resolve_inside
 from app.files.xml_guard import walk_xml
+from app.files.zip_folder import DAMAGE
 from app.geometry import InputError, MarginGuardError
 
 _TRANSFORM_NODES = ("vtkMRMLLinearTransformNode", "vtkMRMLTransformNode")
@@ -220,8 +219,6 @@ _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 """Compression of bundles of 3D Slicer; `zipfile` unpacks the others without a limit."""
 _MAX_MEMBERS = 20_000
 _CHUNK_BYTES = 1_000_000
-_DAMAGE = (zipfile.BadZipFile, zlib.error, struct.error, EOFError, ValueError, RuntimeError)
-"""Errors of `zipfile` for damaged bytes, passwords and unknown compression methods."""
 
 
 class _Budget:
@@ -373,7 +370,7 @@ def _damage_reported(where: str) -> Iterator[None]:
         yield
     except MarginGuardError:
         raise
-    except _DAMAGE as error:
+    except DAMAGE as error:
         raise InputError(
             f"{where} is not a complete bundle: {error or type(error).__name__}"
         ) from error
