@@ -72,6 +72,14 @@ def read_bounded(path: Path, max_bytes: int, error: type[MarginGuardError] = Inp
     return content
 
 
+def read_text(path: Path, max_bytes: int, encoding: str = "utf-8") -> str:
+    """Read the file at ``path`` as `read_bounded`; `InputError` for other text than UTF-8."""
+    try:
+        return read_bounded(path, max_bytes).decode(encoding)
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path} is not UTF-8 text: byte {error.start}") from error
+
+
 def check_is_content(start: bytes, path: Path, error: type[MarginGuardError] = InputError) -> None:
     """Raise ``error`` if the first bytes of the file at ``path`` are a pointer of Git LFS."""
     if start.startswith(_LFS_POINTER):

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from app.files.bounded_io import read_bounded
+from app.files.bounded_io import read_text
 from app.files.document import Section
 from app.files.json_file import read_json
 from app.files.keys import Block, ListOf, Numbers, Text
@@ -126,10 +126,7 @@ def _json_numbers(values: Any) -> list[float]:
 
 def _fiducials(path: Path) -> tuple[list[tuple[str, list[float]]], str]:
     """Return labels and positions in mm of a table of Slicer 3 to 5, and its coordinate system."""
-    try:
-        lines = read_bounded(path, _MAX_BYTES).decode("utf-8").splitlines()
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path} is not UTF-8 text: byte {error.start}") from error
+    lines = read_text(path, _MAX_BYTES).splitlines()
     header = {
         key.strip(): value.strip()
         for key, _, value in (line[1:].partition("=") for line in lines if line.startswith("#"))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from app.files.bounded_io import read_bounded
+from app.files.bounded_io import read_text
 from app.geometry import FloatArray, InputError, MarginGuardError, Stamp, is_plain_number
 
 
@@ -48,10 +48,7 @@ def read_signal(path: Path) -> tuple[list[int], FloatArray]:
 
     Raises `InputError`, with the line, for a table that is not one of numbers.
     """
-    try:
-        text = read_bounded(path, _MAX_BYTES).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path} is not UTF-8 text: byte {error.start}") from error
+    text = read_text(path, _MAX_BYTES, "utf-8-sig")
     times: list[int] = []
     values: list[list[float]] = []
     try:

@@ -16,7 +16,7 @@ from yaml.constructor import SafeConstructor
 from yaml.cyaml import CParser  # type: ignore[attr-defined]
 from yaml.resolver import Resolver
 
-from app.files.bounded_io import read_bounded
+from app.files.bounded_io import read_text
 from app.geometry import InputError, MarginGuardError
 
 MAX_BYTES = 1_000_000
@@ -38,11 +38,7 @@ def load_yaml(path: Path) -> Any:
     than `MAX_BYTES` or deeper nested than `MAX_DEPTH`, for more than `MAX_NODES` values, and for
     anything but plain YAML.
     """
-    try:
-        text = read_bounded(path, MAX_BYTES, InputError).decode("utf-8")
-    except UnicodeDecodeError as problem:
-        raise InputError(f"{path} is not UTF-8 text: byte {problem.start}") from problem
-    return parse_yaml(text, path)
+    return parse_yaml(read_text(path, MAX_BYTES), path)
 
 
 def parse_yaml(

@@ -5,11 +5,13 @@ Inverse Kinematic Solutions with Singularity Robustness, 1986). A position or po
 with a time constant; the servo limits speeds and ends of travel.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from app.geometry import FloatArray
@@ -48,32 +50,24 @@ class VelocityServo:
     """
 
     def __init__(self, model: Any, robot: RobotModel) -> None:
-        name = robot.entry.name
-
-        def address(joint: str, of: Any) -> int:
-            number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, f"{name}/{joint}")
-            return int(of[number])
+        def numbers(kind: Any, names: Sequence[str]) -> NDArray[np.int64]:
+            """Numbers (n,) of joints or actuators in the model."""
+            found = [mujoco.mj_name2id(model, kind, f"{robot.entry.name}/{each}") for each in names]
+            return np.array(found, np.int64)
 
         drives = robot.drives
         self.joints = tuple(drive.name for drive in drives)
-        self.dofs = np.array([address(each, model.jnt_dofadr) for each in self.joints], np.int64)
-        self.positions = np.array(
-            [address(each, model.jnt_qposadr) for each in self.joints], np.int64
-        )
+        driven = numbers(mujoco.mjtObj.mjOBJ_JOINT, self.joints)
+        self.dofs = np.array(model.jnt_dofadr[driven], np.int64)
+        self.positions = np.array(model.jnt_qposadr[driven], np.int64)
         # The driven joints first: without others, blocks of the model's matrices are theirs.
-        every = [address(each, model.jnt_dofadr) for each in robot.joints]
+        every = model.jnt_dofadr[numbers(mujoco.mjtObj.mjOBJ_JOINT, robot.joints)].tolist()
         others = [dof for dof in every if dof not in set(self.dofs.tolist())]
         self._all = np.array([*self.dofs.tolist(), *others], np.int64)
         self._order = np.arange(len(self.joints))
         self._following = np.arange(len(self.joints), len(self._all))
         self._block = np.ix_(self._all, self._all)
-        self.actuators = np.array(
-            [
-                mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, f"{name}/{each}")
-                for each in self.joints
-            ],
-            np.int64,
-        )
+        self.actuators = numbers(mujoco.mjtObj.mjOBJ_ACTUATOR, self.joints)
         self._effort = np.array([drive.effort for drive in drives])
         self._inverse_velocity = 1.0 / np.array([drive.velocity for drive in drives])
         self._lower = np.array([drive.lower for drive in drives])

@@ -85,7 +85,7 @@ class World:
         mujoco.mj_resetData(self._model, self._data)
         self._steps = 0
         for name in positions or {}:
-            self._require_arm(name)
+            self._arm(name)
         for robot in self._robots:
             name = robot.entry.name
             given = {**robot.entry.positions, **(positions or {}).get(name, {})}
@@ -99,21 +99,18 @@ class World:
 
     def enable(self, arm: str) -> None:
         """Let ``arm`` leave FAULT."""
-        self._require_arm(arm)
-        self._gates[arm].enable()
+        self._arm(arm).enable()
 
     def request(self, arm: str, command: StateCommand) -> None:
         """Change the state of ``arm`` by ``command``.
 
         Raises `CommandError`, and changes nothing, where its state does not allow that.
         """
-        self._require_arm(arm)
-        self._gates[arm].request(command)
+        self._arm(arm).request(command)
 
     def fail(self, arm: str, reason: str) -> None:
         """Stop ``arm`` and put it into FAULT."""
-        self._require_arm(arm)
-        self._gates[arm].fail(reason)
+        self._arm(arm).fail(reason)
 
     def move_bodies(self, poses: Mapping[str, Transform]) -> WorldState:
         """Put bodies at ``poses``, ``world_from_body`` by name; free ones are at rest there.
@@ -177,9 +174,8 @@ class World:
         now_ns, data = self.time_ns, self._data
         refused: CommandError | None = None
         for arm, command in (commands or {}).items():
-            self._require_arm(arm)
             try:
-                self._gates[arm].accept(command, now_ns)
+                self._arm(arm).accept(command, now_ns)
             except CommandError as error:
                 refused = refused or error
         if refused is not None:
@@ -304,11 +300,13 @@ class World:
         if name is not None:
             raise EditError(f"body {name!r}: the tracker or the hand uses it; expected another one")
 
-    def _require_arm(self, name: str) -> None:
-        if name not in self._servos:
+    def _arm(self, name: str) -> CommandGate:
+        """The gate of an arm; `WorldError` for another name."""
+        if name not in self._gates:
             raise WorldError(
-                f"arm {name!r}: no such robot; expected one of {', '.join(self._servos) or 'none'}"
+                f"arm {name!r}: no such robot; expected one of {', '.join(self._gates) or 'none'}"
             )
+        return self._gates[name]
 
     def _gate(self, robot: RobotModel) -> CommandGate:
         entry = robot.entry
