@@ -14,7 +14,7 @@ from vtkmodules.vtkCommonExecutionModel import vtkTrivialProducer
 
 from app.geometry import FloatArray, Pixels
 from app.scene.convert import vtk_array, vtk_matrix, world_matrix
-from app.scene.models import add_model, remove_displayed
+from app.scene.models import DisplayedNode, add_model, remove_displayed
 from app.scene.scene_nodes import PART, mark
 
 NAME = "UltrasoundImage"
@@ -23,7 +23,7 @@ VOLUME_NAME, TRANSFORM_NAME = "Image_Reference", "ImageToReference"
 """Names that SlicerIGT's users know from PLUS."""
 
 
-class ImagePlane:
+class ImagePlane(DisplayedNode):
     """A model node that shows an image under the frame of the node ``parent``. Hidden until `show`.
 
     The rectangle ends half a pixel beyond the centres of the outer pixels. An image whose place is
@@ -31,13 +31,12 @@ class ImagePlane:
     """
 
     def __init__(self, scene: vtkMRMLScene, parent: vtkMRMLTransformNode) -> None:
-        self._scene = scene
         self._image = vtkImageData()
         self._texture = vtkTrivialProducer()
         self._texture.SetOutput(self._image)
         self._points = vtkPoints()
         self._points.SetNumberOfPoints(4)
-        self.node = add_model(scene, NAME, self._surface(), _WHITE, parent=parent)
+        super().__init__(scene, add_model(scene, NAME, self._surface(), _WHITE, parent=parent))
         mark(self.node, PART)
         display = self.node.GetDisplayNode()
         display.SetAmbient(1.0)
@@ -69,14 +68,6 @@ class ImagePlane:
         self._points.Modified()
         self.node.GetPolyData().Modified()
         self.node.GetDisplayNode().SetVisibility(True)
-
-    def hide(self) -> None:
-        """Hide the image."""
-        self.node.GetDisplayNode().SetVisibility(False)
-
-    def remove(self) -> None:
-        """Remove the node from the scene."""
-        remove_displayed(self._scene, self.node)
 
     def _surface(self) -> vtkPolyData:
         cells = vtkCellArray()

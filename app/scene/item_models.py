@@ -9,7 +9,7 @@ from app.fixture import MarginState
 from app.geometry import SurfaceMesh
 from app.runtime import ShownItem, StructureContent, ToolContent
 from app.scene.convert import poly_data
-from app.scene.models import Rgb, add_model, remove_displayed, smooth_surface
+from app.scene.models import DisplayedNode, Rgb, add_model, remove_displayed, smooth_surface
 from app.scene.scene_nodes import PART, Batch, mark
 from app.session import Role
 
@@ -115,12 +115,12 @@ CONTOUR_COLOR = (0.91, 0.61, 1.0)
 _CONTOUR_OPACITY = 0.35
 
 
-class ContourModel:
+class ContourModel(DisplayedNode):
     """A model node under the frame of the node ``parent``. Hidden until `show`."""
 
     def __init__(self, scene: vtkMRMLScene, parent: vtkMRMLTransformNode) -> None:
-        self._scene = scene
-        self.node = add_model(scene, _CONTOUR_NAME, vtkPolyData(), CONTOUR_COLOR, parent=parent)
+        node = add_model(scene, _CONTOUR_NAME, vtkPolyData(), CONTOUR_COLOR, parent=parent)
+        super().__init__(scene, node)
         mark(self.node, PART)
         display = self.node.GetDisplayNode()
         display.SetRepresentation(vtkMRMLDisplayNode.WireframeRepresentation)
@@ -131,11 +131,3 @@ class ContourModel:
         """Show ``mesh``, in the parent's frame."""
         self.node.SetAndObservePolyData(poly_data(mesh))
         self.node.GetDisplayNode().SetVisibility(True)
-
-    def hide(self) -> None:
-        """Hide the surface."""
-        self.node.GetDisplayNode().SetVisibility(False)
-
-    def remove(self) -> None:
-        """Remove the node from the scene."""
-        remove_displayed(self._scene, self.node)

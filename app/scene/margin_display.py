@@ -17,7 +17,7 @@ from slicer import (
 
 from app.fixture import Constraint, MarginState, Proximity
 from app.geometry import FloatArray, Transform
-from app.scene.models import Rgb, remove_displayed, remove_node, show_while_known
+from app.scene.models import DisplayedNode, Rgb, remove_displayed, remove_node, show_while_known
 from app.scene.offscreen import SceneError
 from app.scene.scene_nodes import Batch
 from app.scene.shown_margin import ShownMargin, distance_text
@@ -119,7 +119,7 @@ class MarkerStyle:
                 )
 
 
-class BreachMarkers:
+class BreachMarkers(DisplayedNode):
     """A node of points in the tumour's frame, at least ``style.spacing_mm`` apart.
 
     The points move with the tumour and stay until `clear`. Above `MAX_MARKS` points the spacing is
@@ -135,13 +135,12 @@ class BreachMarkers:
         tumor_pose: vtkMRMLTransformNode,
         style: MarkerStyle | None = None,
     ) -> None:
-        self._scene = scene
+        super().__init__(scene, _markups(scene, "Fiducial", _MARKS_NAME, tumor_pose, MARK_COLOR))
         self._batch = batch
         self.style = style or MarkerStyle()
         """The style that is shown."""
         self._kept = SpacedPoints(MIN_SPACING_MM, MAX_KEPT)
         self._marks = SpacedPoints(self.style.spacing_mm, MAX_MARKS)
-        self.node = _markups(scene, "Fiducial", _MARKS_NAME, tumor_pose, MARK_COLOR)
         display = self.node.GetDisplayNode()
         display.SetGlyphType(vtkMRMLMarkupsDisplayNode.Sphere3D)
         display.SetUseGlyphScale(False)
@@ -186,10 +185,6 @@ class BreachMarkers:
         self._marks = SpacedPoints(self.style.spacing_mm, MAX_MARKS)
         self.node.RemoveAllControlPoints()
 
-    def remove(self) -> None:
-        """Remove the node from the scene."""
-        remove_displayed(self._scene, self.node)
-
     def _redraw(self) -> None:
         modifying = self.node.StartModify()
         self.node.RemoveAllControlPoints()
@@ -198,7 +193,7 @@ class BreachMarkers:
         self.node.EndModify(modifying)
 
 
-class FixturePlane:
+class FixturePlane(DisplayedNode):
     """The governing half-space of a constraint, drawn as a square at the tool's point on it.
 
     It is in the frame of the constraint, the frame of the node ``pose``. The normal points to the
@@ -206,11 +201,10 @@ class FixturePlane:
     """
 
     def __init__(self, scene: vtkMRMLScene, batch: Batch, pose: vtkMRMLTransformNode) -> None:
-        self._scene = scene
+        super().__init__(scene, _markups(scene, "Plane", _PLANE_NAME, pose, _PLANE_COLOR))
         self._batch = batch
         self._last: Transform | None = None
         self._known = False
-        self.node = _markups(scene, "Plane", _PLANE_NAME, pose, _PLANE_COLOR)
         self.node.SetPlaneType(vtkMRMLMarkupsPlaneNode.PlaneTypePointNormal)
         self.node.SetSizeMode(vtkMRMLMarkupsPlaneNode.SizeModeAbsolute)
         display = self.node.GetDisplayNode()
@@ -237,10 +231,6 @@ class FixturePlane:
         self.node.SetCenter(self._last.translation_mm.tolist())
         self.node.SetSize(_PLANE_SIDE_MM, _PLANE_SIDE_MM)
         self.node.EndModify(modifying)
-
-    def remove(self) -> None:
-        """Remove the node from the scene."""
-        remove_displayed(self._scene, self.node)
 
 
 class MarginDisplay:

@@ -88,6 +88,21 @@ def remove_displayed(scene: vtkMRMLScene, node: vtkMRMLDisplayableNode) -> None:
             scene.RemoveNode(display)
 
 
+class DisplayedNode:
+    """Owner of ``node``, which is in ``scene``."""
+
+    def __init__(self, scene: vtkMRMLScene, node: vtkMRMLDisplayableNode) -> None:
+        self._scene, self.node = scene, node
+
+    def hide(self) -> None:
+        """Hide the node."""
+        self.node.GetDisplayNode().SetVisibility(False)
+
+    def remove(self) -> None:
+        """Remove the node and its display nodes from the scene."""
+        remove_displayed(self._scene, self.node)
+
+
 def smooth_surface(mesh: SurfaceMesh) -> vtkPolyData:
     """The surface of ``mesh`` with normals; sharp edges stay sharp."""
     return _with_normals(poly_data(mesh))

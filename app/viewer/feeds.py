@@ -178,11 +178,11 @@ class LiveFeed:
         self._came_ns = 0
         self._ended = ""
         self._request: OperatorRequest | None = None
-        self._callback: Callable[[], None] | None = None
+        self._notify: Callable[[], None] = lambda: None
 
     def call_on_change(self, callback: Callable[[], None]) -> None:
         """Call ``callback`` at each new step, in the thread of the session."""
-        self._callback = callback
+        self._notify = callback
 
     def put(
         self,
@@ -237,10 +237,6 @@ class LiveFeed:
             silent = f"the session has sent nothing for more than {timeout_ns // NS_PER_MS} ms"
             return newest.as_unknown(self._silence() or silent)
         return newest
-
-    def _notify(self) -> None:
-        if self._callback is not None:
-            self._callback()
 
 
 def _timeout_ns(shown: ViewState) -> int:

@@ -67,11 +67,7 @@ class LibraryServer:
             "/picture/{name}": self._picture,
         }
         server = WebServer(address, Content(handlers, {"/marginguard/": _WEB}, posts))
-        try:
-            port = await server.start()
-        except (OSError, UnicodeError) as error:
-            raise address.refused(error) from error
-        on_ready(port)
+        on_ready(await server.start())
         try:
             await self._stopped.wait()
         finally:

@@ -224,10 +224,7 @@ class Viewer:
         await self._server.ready
         _connect(self._server, pages)
         web_server = WebServer(address, self._content(sockets, folders))
-        try:
-            port = await web_server.start()
-        except (OSError, UnicodeError) as error:
-            raise address.refused(error) from error
+        port = await web_server.start()
         self._server.controller.rc_area_register(adapter)
         drawing = asyncio.create_task(scheduler.run())
         stopping = asyncio.create_task(self._stopped.wait())

@@ -64,18 +64,21 @@ class WebServer:
             router.add_static(path, content.folders[path])
 
     async def start(self) -> int:
-        """Listen; return the port. Raises `OSError` if the address cannot be used."""
+        """Listen; return the port. Raises `ViewerError` if the address cannot be used."""
         await self._runner.setup()
         server = self._runner.server
         if server is None:
             raise RuntimeError("web server: not set up")
         loop = asyncio.get_running_loop()
-        self._listening = await loop.create_server(
-            self._connections.limited(server),
-            self._address.host,
-            self._address.port,
-            backlog=_BACKLOG,
-        )
+        try:
+            self._listening = await loop.create_server(
+                self._connections.limited(server),
+                self._address.host,
+                self._address.port,
+                backlog=_BACKLOG,
+            )
+        except (OSError, UnicodeError) as error:
+            raise self._address.refused(error) from error
         return int(self._listening.sockets[0].getsockname()[1])
 
     async def stop(self) -> None:

@@ -208,10 +208,7 @@ def orientation(view: SceneView) -> dict[str, Any] | None:
         np.array(camera.GetFocalPoint()),
         np.array(camera.GetViewUp()),
     )
-    low, high = (
-        view.content.tumor.vertices_mm.min(axis=0),
-        view.content.tumor.vertices_mm.max(axis=0),
-    )
+    low, high = view.content.tumor.bounds_mm
     middle = matrix[:3, :3] @ (0.5 * (low + high)) + matrix[:3, 3]
     depth_mm = float(-axes[2] @ (middle - np.array(camera.GetPosition())))
     width, height = view.view.render_window().GetSize()

@@ -129,18 +129,25 @@ def mapping(value: object) -> dict[str, Any]:
     return value
 
 
-def arguments(given: Collection[object], checks: Collection[Check]) -> list[Any]:
-    """Check one value after another; their number must be right."""
-    if len(given) != len(checks):
-        raise RefusedError(f"arguments: {len(given)}; expected {len(checks)}")
-    return [check(value) for check, value in zip(checks, given, strict=True)]
-
-
 @dataclass(frozen=True, slots=True)
-class _Command:
+class Command:
+    """``call`` with arguments of these ``checks``, for a page that may do what needs ``role``.
+
+    ``cost``: the number of messages that it counts for.
+    """
+
     call: Callable[..., object]
     checks: tuple[Check, ...]
     role: Role
+    cost: float = 1.0
+
+    def checked(self, what: str, given: Collection[object], role: Role) -> list[Any]:
+        """Check ``role`` and the arguments. Raises `RefusedError`, for the role with ``what``."""
+        if not role.may(self.role):
+            raise RefusedError(f"{what}: role {role.value}; expected {self.role.value}")
+        if len(given) != len(self.checks):
+            raise RefusedError(f"arguments: {len(given)}; expected {len(self.checks)}")
+        return [check(value) for check, value in zip(self.checks, given, strict=True)]
 
 
 class Commands:
@@ -150,14 +157,14 @@ class Commands:
     """
 
     def __init__(self, changed: Callable[[], None] = lambda: None) -> None:
-        self._commands: dict[str, _Command] = {}
+        self._commands: dict[str, Command] = {}
         self._changed = changed
 
     def add(
         self, name: str, call: Callable[..., object], *checks: Check, role: Role = Role.OPERATE
     ) -> None:
         """Call ``call`` with the checked arguments at each command ``name``."""
-        self._commands[name] = _Command(call, checks, role)
+        self._commands[name] = Command(call, checks, role)
 
     def run(self, name: str, args: Collection[object], role: Role) -> None:
         """Run a command for a page of ``role``.
@@ -170,9 +177,7 @@ class Commands:
             raise RefusedError(
                 f"command: {shown(name)}; expected one of {', '.join(self._commands)}"
             )
-        if not role.may(command.role):
-            raise RefusedError(f"command {name}: role {role.value}; expected {command.role.value}")
-        values = arguments(args, command.checks)
+        values = command.checked(f"command {name}", args, role)
         try:
             command.call(*values)
         except InputError as error:

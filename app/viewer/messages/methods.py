@@ -1,7 +1,6 @@
 """The methods that a page may call: what is not listed here does not exist for it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 from trame_server import Server
@@ -9,10 +8,9 @@ from trame_server import Server
 from app.viewer.address import Role
 from app.viewer.log import log
 from app.viewer.messages.checks import (
-    Check,
+    Command,
     Commands,
     RefusedError,
-    arguments,
     empty,
     flag,
     integer,
@@ -153,14 +151,6 @@ class Area(Protocol):
         """Process an event of the pointer."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Method:
-    call: Callable[..., object]
-    checks: tuple[Check, ...]
-    role: Role
-    cost: float = 1.0
-
-
 class Methods:
     """Runs the calls of pages. ``area_name`` is the name of ``area`` on the page.
 
@@ -182,15 +172,15 @@ class Methods:
         place = (one_of([area_name]), _name)
         view, operate = Role.VIEW, Role.OPERATE
         self._methods = {
-            HELLO: _Method(self._greet, (mapping,), view),
-            "trame.state.get": _Method(self._state, (), view, _STATE_COST),
-            "trame.lifecycle.update": _Method(_ignore, (one_of(_LIFE_CYCLE),), view),
-            "trame.error.client": _Method(_log_error, (text(MAX_MESSAGE_BYTES),), view),
-            "marginguard.seen": _Method(self._acknowledge, (integer(0, 2**53),), view),
+            HELLO: Command(self._greet, (mapping,), view),
+            "trame.state.get": Command(self._state, (), view, _STATE_COST),
+            "trame.lifecycle.update": Command(_ignore, (one_of(_LIFE_CYCLE),), view),
+            "trame.error.client": Command(_log_error, (text(MAX_MESSAGE_BYTES),), view),
+            "marginguard.seen": Command(self._acknowledge, (integer(0, 2**53),), view),
             # The role that a command needs is checked with its name.
-            "trame.trigger": _Method(self._run, (_name, _command_args, empty), view),
-            "trame.rca.size": _Method(self._resize, (*place, area_size), operate),
-            "trame.rca.event": _Method(self._interact, (*place, pointer_event), operate),
+            "trame.trigger": Command(self._run, (_name, _command_args, empty), view),
+            "trame.rca.size": Command(self._resize, (*place, area_size), operate),
+            "trame.rca.event": Command(self._interact, (*place, pointer_event), operate),
         }
 
     def cost(self, method: str) -> float:
@@ -206,11 +196,7 @@ class Methods:
         method = self._methods.get(name)
         if method is None:
             raise RefusedError(f"method: {shown(name)}; expected one that the page uses")
-        if not page.role.may(method.role):
-            raise RefusedError(
-                f"method {name}: role {page.role.value}; expected {method.role.value}"
-            )
-        return method.call(page, *arguments(args, method.checks))
+        return method.call(page, *method.checked(f"method {name}", args, page.role))
 
     def _greet(self, page: OpenPage, _secret: object) -> dict[str, object]:
         """The socket's request has proved the token; wslink's own secret is a constant."""
