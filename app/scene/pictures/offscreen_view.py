@@ -8,6 +8,7 @@ from functools import cache
 from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +25,13 @@ from vtkmodules.vtkIOImage import vtkPNGWriter
 from vtkmodules.vtkRenderingCore import vtkTextProperty, vtkTextRenderer, vtkWindowToImageFilter
 
 from app.scene.convert import numpy_array, vtk_array
+from app.scene.models import Rgb
 from app.scene.offscreen import SceneError, use_offscreen_rendering
 from app.scene.pictures.camera_views import VIEW_ANGLE_DEG, Camera, look_through
 from app.session import ShownState
+
+if TYPE_CHECKING:
+    from trame_slicer.views.threed_view import ThreeDView
 
 Pixels = NDArray[np.uint8]
 
@@ -155,39 +160,42 @@ class SceneApplication:
         self._sequences.SetMRMLApplicationLogic(self.logic)
 
 
+def three_d_view(application: SceneApplication, name: str, bottom: Rgb, top: Rgb) -> "ThreeDView":
+    """A view of the scene without box and labels, on a background from ``bottom`` to ``top``.
+
+    It is drawn when it is told to be. Raises `OffscreenError` where VTK cannot draw without a
+    screen.
+    """
+    # Imported here: desktop Slicer imports this module, but has no trame-slicer.
+    from trame_slicer.views.render_scheduler import NoScheduleRendering
+    from trame_slicer.views.threed_view import ThreeDView
+
+    use_offscreen_rendering()
+    view = ThreeDView(
+        application.scene,
+        application.logic,
+        name,
+        scheduled_render_strategy=NoScheduleRendering(),
+    )
+    # Without a graphics card multi-sampling takes five times as long; FXAA is cheap.
+    view.render_window().SetMultiSamples(0)
+    node = view.get_view_node()
+    node.SetBoxVisible(False)
+    node.SetAxisLabelsVisible(False)
+    node.SetBackgroundColor(*bottom)
+    node.SetBackgroundColor2(*top)
+    return view
+
+
 class OffscreenView:
     """Draws what Slicer's 3D view would show; `close` removes its view and camera nodes."""
 
-    def __init__(
-        self,
-        application: SceneApplication,
-        name: str,
-        size: tuple[int, int],
-    ) -> None:
+    def __init__(self, application: SceneApplication, name: str, size: tuple[int, int]) -> None:
         """``size`` in pixels. Raises `OffscreenError` where VTK cannot draw without a screen."""
-        # Imported here: desktop Slicer imports this module, but has no trame-slicer.
-        from trame_slicer.views.render_scheduler import NoScheduleRendering
-        from trame_slicer.views.threed_view import ThreeDView
-
-        use_offscreen_rendering()
-        self._scene = application.scene
-        self._view = ThreeDView(
-            application.scene,
-            application.logic,
-            name,
-            scheduled_render_strategy=NoScheduleRendering(),
-        )
-        self._size = size
-        window = self._view.render_window()
-        # Without a graphics card multi-sampling takes five times as long; FXAA is cheap.
-        window.SetMultiSamples(0)
-        window.SetSize(*size)
+        self._scene, self._size = application.scene, size
+        self._view = three_d_view(application, name, _BOTTOM, _TOP)
+        self._view.render_window().SetSize(*size)
         self._view.renderer().SetUseFXAA(True)
-        node = self._view.get_view_node()
-        node.SetBoxVisible(False)
-        node.SetAxisLabelsVisible(False)
-        node.SetBackgroundColor(*_BOTTOM)
-        node.SetBackgroundColor2(*_TOP)
 
     @property
     def aspect(self) -> float:
@@ -199,7 +207,7 @@ class OffscreenView:
         look_through(self._view.get_camera_node(), camera, VIEW_ANGLE_DEG)
         self._view.renderer().ResetCameraClippingRange()
 
-    def fill(self, color: tuple[float, float, float]) -> None:
+    def fill(self, color: Rgb) -> None:
         """Give the background one colour, without a gradient."""
         self._view.get_view_node().SetBackgroundColor(*color)
         self._view.get_view_node().SetBackgroundColor2(*color)

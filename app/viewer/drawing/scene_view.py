@@ -4,8 +4,6 @@ from collections.abc import Collection, Mapping
 from enum import StrEnum
 
 from slicer import vtkMRMLDisplayNode, vtkMRMLModelNode, vtkMRMLScene
-from trame_slicer.views import ThreeDView
-from trame_slicer.views.render_scheduler import NoScheduleRendering
 
 from app.case import DISPLAY_ITEMS, ItemKind
 from app.geometry import SurfaceMesh
@@ -14,8 +12,8 @@ from app.scene import (
     MarginGuardScene,
     SceneApplication,
     ScenePresenter,
-    use_offscreen_rendering,
 )
+from app.scene.pictures.offscreen_view import three_d_view
 from app.viewer.address import ViewerError
 from app.viewer.drawing.inset import OverviewInset
 from app.viewer.drawing.translucency import TranslucentOrder, closed_models
@@ -68,9 +66,10 @@ class SceneView:
     """
 
     def __init__(self, content: SessionContent, *, added: Collection[Part] = ()) -> None:
-        use_offscreen_rendering()
         self.application = SceneApplication(vtkMRMLScene())
-        self.view = _view(self.application)
+        self.view = three_d_view(self.application, "MarginGuard", _BACKGROUND, _BACKGROUND)
+        # A gradient takes a sixth of a picture's time where the processor draws.
+        self.view.renderer().SetGradientBackground(False)
         self.presenter = ScenePresenter(
             self.application.scene, content, logic=self.application.logic
         )
@@ -235,24 +234,6 @@ class SceneView:
         if self.scene is not None and self.scene.margin is not None:
             display = self.scene.margin.line.GetDisplayNode()
             display.SetPointLabelsVisibility(not self._along_tool)
-
-
-def _view(application: SceneApplication) -> ThreeDView:
-    view = ThreeDView(
-        application.scene,
-        application.logic,
-        "MarginGuard",
-        scheduled_render_strategy=NoScheduleRendering(),
-    )
-    node = view.get_view_node()
-    node.SetBoxVisible(False)
-    node.SetAxisLabelsVisible(False)
-    node.SetBackgroundColor(*_BACKGROUND)
-    node.SetBackgroundColor2(*_BACKGROUND)
-    # A gradient takes a sixth of a picture's time where the processor draws.
-    view.renderer().SetGradientBackground(False)
-    view.render_window().SetMultiSamples(0)
-    return view
 
 
 def _color_line(scene: MarginGuardScene) -> None:
