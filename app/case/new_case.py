@@ -102,8 +102,8 @@ def write_case(
             "name": name,
             "provenance": asdict(provenance),
             "recording": {"path": _RECORDING, "sha256": sha256_of(partial / _RECORDING)},
-            "tool": _entry(_TOOL, tool, "tip_from"),
-            "tumor": _entry(_TUMOR, tumor, "pose"),
+            "tool": placed_mesh(_TOOL, tool.frame_from_body, "tip_from"),
+            "tumor": placed_mesh(_TUMOR, tumor.frame_from_body),
             "margins": margin_values(margins),
         }
         text = yaml.safe_dump(manifest, sort_keys=False, default_flow_style=None, width=100)
@@ -113,13 +113,18 @@ def write_case(
         written.tumor_mesh()
 
 
-def _entry(file: str, body: TrackedBody, pose_key: str) -> dict[str, Any]:
-    matrix = [float(number) for number in body.frame_from_body.matrix.ravel()]
+def placed_mesh(file: str, pose: Transform, pose_key: str = "pose") -> dict[str, Any]:
+    """The manifest's keys of a surface in mm, which ``pose`` places in a tracked frame."""
     return {
-        "frame": body.frame_from_body.target,
+        "frame": pose.target,
         "mesh": {"path": file, "units": "mm"},
-        pose_key: {"matrix": matrix},
+        pose_key: matrix_values(pose),
     }
+
+
+def matrix_values(pose: Transform) -> dict[str, list[float]]:
+    """The manifest's ``matrix``: 16 numbers, row by row."""
+    return {"matrix": pose.matrix.ravel().tolist()}
 
 
 def margin_values(margins: MarginEntry) -> dict[str, float | int]:
@@ -217,9 +222,9 @@ def _use(in_use: SessionValues, values: dict[str, Any], folder: Path) -> None:
     """Replace the keys of ``values``, those of a ``case.yaml``, by the values in use."""
     parts = PlainParts.of(values, in_use.tool_from_tip.target)
     tool, tumor = parts.tool, parts.tumor
-    tool["tip_from"] = {"matrix": in_use.tool_from_tip.matrix.ravel().tolist()}
+    tool["tip_from"] = matrix_values(in_use.tool_from_tip)
     tool["sigma_mm"] = in_use.tip_sigma_mm
-    tumor["pose"] = {"matrix": in_use.frame_from_tumor.matrix.ravel().tolist()}
+    tumor["pose"] = matrix_values(in_use.frame_from_tumor)
     tumor["sigma_mm"] = in_use.tumor_sigma_mm
     if in_use.tumor is not None:
         write_exact_ply(folder / TUMOR_NAME, in_use.tumor)
@@ -246,9 +251,7 @@ def _structure(structure: StructureValues, number: int, folder: Path) -> dict[st
     return {
         "name": pose.source,
         "role": structure.role,
-        "frame": pose.target,
-        "mesh": {"path": file, "units": "mm"},
-        "pose": {"matrix": pose.matrix.ravel().tolist()},
+        **placed_mesh(file, pose),
         "sigma_mm": structure.sigma_mm,
         "margins": {"stop_mm": structure.stop_mm, "warn_mm": structure.warn_mm},
     }
@@ -256,8 +259,7 @@ def _structure(structure: StructureValues, number: int, folder: Path) -> dict[st
 
 def _given(registration: RegistrationValues, before: dict[str, Any]) -> dict[str, Any]:
     """The keys of a registration by its pose, with the limits of the one ``before``."""
-    matrix = registration.reference_from_base.matrix.ravel().tolist()
-    values: dict[str, Any] = {"method": "given", "matrix": matrix}
+    values: dict[str, Any] = {"method": "given", **matrix_values(registration.reference_from_base)}
     if registration.covariance is not None:
         values["covariance"] = registration.covariance.ravel().tolist()
         if registration.degrees_of_freedom is not None:

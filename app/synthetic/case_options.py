@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from app.geometry import NS_PER_S, FloatArray, InputError, Transform
-from app.synthetic.tracker_model import WHITE, TrackerModel, tracker_preset
+from app.geometry import NS_PER_S, FloatArray, Transform
+from app.synthetic.tracker_model import WHITE, TrackerModel, check_range, tracker_preset
 from app.synthetic.tumour_and_tool import SEMI_AXES_MM, Tumour, icosphere
 
 CONTOUR_LOBES = 60
@@ -82,9 +82,8 @@ class CaseErrors:
 
     def __post_init__(self) -> None:
         for part in fields(self):
-            value, limit = getattr(self, part.name), _LIMITS[part.name]
-            if not 0.0 <= value <= limit:
-                raise InputError(f"case errors: {part.name} is {value:g}; expected 0 to {limit:g}")
+            limit = _LIMITS[part.name]
+            check_range(f"case errors: {part.name}", getattr(self, part.name), 0.0, limit)
 
 
 NO_ERRORS = CaseErrors()
@@ -181,9 +180,7 @@ class PatientOptions:
 
     def __post_init__(self) -> None:
         for name, (low, high) in PATIENT_RANGES.items():
-            value = getattr(self, name)
-            if value is not None and not low <= value <= high:
-                raise InputError(f"patient: {name} is {value:g}; expected {low:g} to {high:g}")
+            check_range(f"patient: {name}", getattr(self, name), low, high)
 
     @property
     def breath_scale(self) -> float:
@@ -227,9 +224,7 @@ class SurgeonOptions:
     fixture: bool = False
 
     def __post_init__(self) -> None:
-        low, high = SKILL_RANGE
-        if self.skill is not None and not low <= self.skill <= high:
-            raise InputError(f"skill is {self.skill:g}; expected {low:g} to {high:g}")
+        check_range("skill", self.skill, *SKILL_RANGE)
 
     @property
     def pace(self) -> float:
@@ -275,9 +270,9 @@ class CaseOptions:
     surgeon: SurgeonOptions = USUAL_SURGEON
 
     def __post_init__(self) -> None:
-        _check("duration", self.duration_s, MIN_DURATION_S, MAX_DURATION_S, "s")
-        _check("rate", self.tracker.rate_hz, MIN_RATE_HZ, MAX_RATE_HZ, "Hz")
-        _check("tumour", self.tumor_mm, MIN_TUMOR_MM, MAX_TUMOR_MM, "mm")
+        check_range("duration", self.duration_s, MIN_DURATION_S, MAX_DURATION_S, " s")
+        check_range("rate", self.tracker.rate_hz, MIN_RATE_HZ, MAX_RATE_HZ, " Hz")
+        check_range("tumour", self.tumor_mm, MIN_TUMOR_MM, MAX_TUMOR_MM, " mm")
 
     @classmethod
     def of_tracker(cls, name: str, tumor_mm: float | None = None) -> "CaseOptions":
@@ -307,11 +302,6 @@ def _with_value(owner: Any, path: list[str], value: float) -> Any:
     return replace(
         owner, **{name: _with_value(getattr(owner, name), rest, value) if rest else value}
     )
-
-
-def _check(what: str, value: float | None, low: float, high: float, unit: str) -> None:
-    if value is not None and not low <= value <= high:
-        raise InputError(f"{what} is {value:g} {unit}; expected {low:g} to {high:g} {unit}")
 
 
 def offset_ns(true_offset_ns: int, options: CaseOptions) -> int:

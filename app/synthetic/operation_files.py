@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import yaml
 
-from app.case import write_live_manifest
+from app.case.new_case import matrix_values, placed_mesh, write_live_manifest
 from app.files.atomic_io import new_folder
-from app.geometry import SurfaceMesh, Transform
+from app.geometry import SurfaceMesh
 from app.synthetic.operation import (
     PROBE,
     SUPPOSED_RADIUS_MM,
@@ -19,7 +19,6 @@ from app.synthetic.tumour_and_tool import (
     BASE_FRAME,
     TOOL_FILE,
     TOOL_LINK,
-    TOOL_SENSOR,
     TUMOR_FRAME,
     TUMOR_SENSOR,
     icosphere,
@@ -51,10 +50,10 @@ def write_operation(folder: Path, truth: OperationTruth) -> None:
         true_folder.mkdir()
         write_stl(true_folder / "tumor.stl", truth.tumour.mesh(4))
         values = {
-            "tool_from_tip": _matrix(truth.tool_from_tip),
-            "reference_from_base": _matrix(truth.reference_from_base),
-            f"{TUMOR_SENSOR}_from_tumor": _matrix(truth.sensor_from_tumor),
-            f"reference_from_{TUMOR_SENSOR}": _matrix(truth.reference_from_sensor),
+            "tool_from_tip": matrix_values(truth.tool_from_tip),
+            "reference_from_base": matrix_values(truth.reference_from_base),
+            f"{TUMOR_SENSOR}_from_tumor": matrix_values(truth.sensor_from_tumor),
+            f"reference_from_{TUMOR_SENSOR}": matrix_values(truth.reference_from_sensor),
         }
         (true_folder / "truth.yaml").write_text(
             yaml.safe_dump(values, sort_keys=False), encoding="utf-8"
@@ -78,16 +77,8 @@ def _live(truth: OperationTruth) -> dict[str, Any]:
             "orientation": "MF",
             "stale_after_ms": _STALE_MS,
         },
-        "tool": {
-            "frame": TOOL_SENSOR,
-            "mesh": {"path": TOOL_FILE, "units": "mm"},
-            "tip_from": _matrix(truth.supposed_tool_from_tip),
-        },
-        "tumor": {
-            "frame": TUMOR_SENSOR,
-            "mesh": {"path": "ball.stl", "units": "mm"},
-            "pose": _matrix(truth.sensor_from_tumor),
-        },
+        "tool": placed_mesh(TOOL_FILE, truth.supposed_tool_from_tip, "tip_from"),
+        "tumor": placed_mesh("ball.stl", truth.sensor_from_tumor),
         "needle": {"frame": TUMOR_SENSOR, "length_mm": _ROD_MM},
         "robot": {
             "urdf": "package://marginguard/robots/touch/touch.urdf",
@@ -97,7 +88,7 @@ def _live(truth: OperationTruth) -> dict[str, Any]:
         },
         "registration": {
             "method": "given",
-            **_matrix(truth.supposed_reference_from_base),
+            **matrix_values(truth.supposed_reference_from_base),
             "max_drift_mm": 8.0,
         },
         "margins": {
@@ -108,7 +99,3 @@ def _live(truth: OperationTruth) -> dict[str, Any]:
             "stale_after_ms": _STALE_MS,
         },
     }
-
-
-def _matrix(transform: Transform) -> dict[str, list[float]]:
-    return {"matrix": transform.matrix.ravel().tolist()}

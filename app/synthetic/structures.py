@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from app.case.manifest.structures import as_schema_2
+from app.case.new_case import placed_mesh
 from app.geometry import FloatArray, SurfaceMesh, Transform
 from app.synthetic.simulation import SENSOR_FROM_TUMOR, Simulation
 from app.synthetic.truth import Clearance, Motion, TrueBreach, find_breaches
@@ -119,13 +120,7 @@ def with_structures(
     for each in structures:
         file = f"{each.name}.stl"
         write_stl(folder / file, each.mesh())
-        found["structures"].append(
-            {
-                **each.entry,
-                "mesh": {"path": file, "units": "mm"},
-                "pose": {"matrix": each.frame_from_structure.matrix.ravel().tolist()},
-            }
-        )
+        found["structures"].append({**each.entry, **placed_mesh(file, each.frame_from_structure)})
     return found
 
 

@@ -44,6 +44,12 @@ _RANGES = {
 _DEG = float(np.deg2rad(1.0))
 
 
+def check_range(what: str, value: float | None, low: float, high: float, unit: str = "") -> None:
+    """Raise `InputError` for a value that is not from ``low`` to ``high``; None is not given."""
+    if value is not None and not low <= value <= high:
+        raise InputError(f"{what} is {value:g}{unit}; expected {low:g} to {high:g}{unit}")
+
+
 @dataclass(frozen=True, slots=True)
 class Jitter:
     """White noise of each sample, as the RMS of 3-D error vectors.
@@ -108,11 +114,8 @@ class Distortion:
     reach_mm: float
 
     def __post_init__(self) -> None:
-        for name, limit in (("shift_mm", 5.0), ("turn_rad", 0.1)):
-            if not 0.0 <= getattr(self, name) <= limit:
-                raise InputError(
-                    f"distortion: {name} is {getattr(self, name):g}; expected 0 to {limit:g}"
-                )
+        check_range("distortion: shift_mm", self.shift_mm, 0.0, 5.0)
+        check_range("distortion: turn_rad", self.turn_rad, 0.0, 0.1)
 
     def share(self, distance_mm: float) -> float:
         """The factor ``f``, 0 to 1."""
@@ -150,20 +153,12 @@ class TrackerModel:
     distortion: Distortion = Distortion(0.0, 0.0, 60.0)
 
     def __post_init__(self) -> None:
+        what = f"tracker {self.name!r}"
         for name, (low, high) in _RANGES.items():
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise InputError(
-                    f"tracker {self.name!r}: {name} is {value:g}; expected {low:g} to {high:g}"
-                )
+            check_range(f"{what}: {name}", getattr(self, name), low, high)
         for name, jitter in (("white", self.white), ("slow", self.slow)):
-            for part, limit in (("position_rms_mm", 5.0), ("angle_rms_rad", 0.1)):
-                value = getattr(jitter, part)
-                if not 0.0 <= value <= limit:
-                    raise InputError(
-                        f"tracker {self.name!r}: {name}.{part} is {value:g}; "
-                        f"expected 0 to {limit:g}"
-                    )
+            check_range(f"{what}: {name}.position_rms_mm", jitter.position_rms_mm, 0.0, 5.0)
+            check_range(f"{what}: {name}.angle_rms_rad", jitter.angle_rms_rad, 0.0, 0.1)
 
     @property
     def period_s(self) -> float:

@@ -19,6 +19,7 @@ from app.case.manifest.expected import (
     write_expected,
 )
 from app.case.messages.ros_messages import JOINT_STATES_TOPIC
+from app.case.new_case import placed_mesh
 from app.files.atomic_io import new_folder
 from app.files.paths import sha256_of
 from app.geometry import NS_PER_MS, NS_PER_S, Transform
@@ -308,7 +309,7 @@ def _replayed(
 
 
 def _manifest(case: SimulatedCase, sha256: str | None) -> dict[str, Any]:
-    simulation, calibrated = case.simulation, case.calibrations()
+    simulation, (tool_from_tip, sensor_from_tumor) = case.simulation, case.calibrations()
     recording = {"path": RECORDING} if sha256 is None else {"path": RECORDING, "sha256": sha256}
     return {
         "schema": 1,
@@ -320,16 +321,8 @@ def _manifest(case: SimulatedCase, sha256: str | None) -> dict[str, Any]:
         },
         "recording": recording,
         "clock": {"offset_robot_to_tracker_ms": case.offset_ns / NS_PER_MS},
-        "tool": {
-            "frame": TOOL_SENSOR,
-            "mesh": {"path": TOOL_FILE, "units": "mm"},
-            "tip_from": {"matrix": calibrated[0].matrix.ravel().tolist()},
-        },
-        "tumor": {
-            "frame": TUMOR_SENSOR,
-            "mesh": {"path": "tumor.stl", "units": "mm"},
-            "pose": {"matrix": calibrated[1].matrix.ravel().tolist()},
-        },
+        "tool": placed_mesh(TOOL_FILE, tool_from_tip, "tip_from"),
+        "tumor": placed_mesh("tumor.stl", sensor_from_tumor),
         "robot": {
             "urdf": TOUCH_URDF,
             "base_frame": BASE_FRAME,
