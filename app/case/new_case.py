@@ -113,11 +113,13 @@ def write_case(
         written.tumor_mesh()
 
 
-def placed_mesh(file: str, pose: Transform, pose_key: str = "pose") -> dict[str, Any]:
-    """The manifest's keys of a surface in mm, which ``pose`` places in a tracked frame."""
+def placed_mesh(
+    file: str, pose: Transform, pose_key: str = "pose", units: str = "mm"
+) -> dict[str, Any]:
+    """The manifest's keys of a surface in ``units``, which ``pose`` places in a tracked frame."""
     return {
         "frame": pose.target,
-        "mesh": {"path": file, "units": "mm"},
+        "mesh": {"path": file, "units": units},
         pose_key: matrix_values(pose),
     }
 

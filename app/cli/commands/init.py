@@ -9,11 +9,14 @@ the command ends, with the files that it names: one that cannot be opened is rem
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from app.cli.options import folder_path
 from app.files.bounded_io import is_folder
 from app.geometry import InputError
+
+if TYPE_CHECKING:
+    from app.geometry import Transform
 
 SUMMARY = "write a commented case.yaml or live.yaml from options or answers"
 
@@ -128,19 +131,15 @@ class _Answers:
             )
         return str(given)
 
-    def pose(self, name: str, question: str, target: str, source: str) -> list[float]:
-        """The 16 numbers of the file that is named; those of the identity for 'identity'."""
+    def pose(self, name: str, question: str, target: str, source: str) -> "Transform":
+        """The pose in the file that is named; the identity for 'identity'."""
         from app.files.transforms import read_transform
         from app.geometry import Transform
 
         file = self.text(name, f"{question}, or '{_IDENTITY}'")
-        found: Transform
         if file == _IDENTITY:
-            found = Transform.identity(target, source)
-        else:
-            found = read_transform(Path(file), target=target, source=source)
-        numbers: list[float] = found.matrix.ravel().tolist()
-        return numbers
+            return Transform.identity(target, source)
+        return read_transform(Path(file), target=target, source=source)
 
     def file(self, name: str, question: str) -> str:
         """A path as it is written in the file: relative in the folder, else absolute."""
@@ -156,6 +155,8 @@ class _Answers:
 
 def _values(answers: _Answers) -> dict[str, Any]:
     """The values of the document."""
+    from app.case.new_case import placed_mesh
+
     options = answers.options
     values: dict[str, Any] = {
         "schema": 1,
@@ -173,19 +174,11 @@ def _values(answers: _Answers) -> dict[str, Any]:
     tool = answers.text("tool_frame", "Tracked frame of the tool")
     mesh = answers.file("tool_mesh", "Mesh of the tool, in the frame of its tip")
     tip = answers.pose("tool_tip", "File with the pose of the tip", tool, f"{tool}_tip")
-    values["tool"] = {
-        "frame": tool,
-        "mesh": {"path": mesh, "units": options.units},
-        "tip_from": {"matrix": tip},
-    }
+    values["tool"] = placed_mesh(mesh, tip, "tip_from", options.units)
     holder = answers.text("tumor_frame", "Tracked frame that the tumour moves with")
     mesh = answers.file("tumor_mesh", "Mesh of the tumour")
     pose = answers.pose("tumor_pose", "File with the pose of the tumour", holder, "tumor")
-    values["tumor"] = {
-        "frame": holder,
-        "mesh": {"path": mesh, "units": options.units},
-        "pose": {"matrix": pose},
-    }
+    values["tumor"] = placed_mesh(mesh, pose, units=options.units)
     values["margins"] = {name: getattr(options, name) for name in _MARGINS}
     if _NEEDLE.intersection(name for name, given in vars(options).items() if given is not None):
         values["needle"] = _needle(answers)
@@ -222,8 +215,10 @@ def _stylus(answers: _Answers) -> dict[str, Any]:
         raise InputError("--stylus-frame is missing; expected it for a stylus, which has a frame")
     if answers.options.stylus_tip is None:
         return {"frame": frame}
-    matrix = answers.pose("stylus_tip", "File with the tip of the stylus", frame, f"{frame}_tip")
-    return {"frame": frame, "tip_from": {"matrix": matrix}}
+    from app.case.new_case import matrix_values
+
+    tip = answers.pose("stylus_tip", "File with the tip of the stylus", frame, f"{frame}_tip")
+    return {"frame": frame, "tip_from": matrix_values(tip)}
 
 
 def _images(answers: _Answers) -> dict[str, str]:
