@@ -122,7 +122,7 @@ def _structures(step: StepResult) -> dict[str, Any]:
 def _measured(
     each: StructureStep | ToolDistance, of: FixtureDecision | ToolDistance
 ) -> dict[str, Any]:
-    """Name, state and distance of a structure or a tool, which ``of`` it has."""
+    """Name of the structure or tool ``each``; state and distance of ``of``, its decision or it."""
     mm = None if of.proximity is None else _finite(of.proximity.signed_distance_mm)
     values = {"name": each.name, "state": of.state.name, "signed_distance_mm": mm}
     return values if each.at_least_mm is None else values | {"at_least_mm": each.at_least_mm}
