@@ -29,11 +29,10 @@ from geometry_msgs.msg import Quaternion
 from rclpy.publisher import Publisher
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 
 from app.bridge import topics
 from app.bridge.arm_inputs import ArmInputs, BasePose, ConstraintInput
-from app.bridge.calls.service_server import ServiceServer
+from app.bridge.calls.service_server import trigger_server
 from app.bridge.convert.plain import message_type
 from app.bridge.messages import diagnostic_status, header_message, metres, vector_message
 from app.bridge.node import RosNode
@@ -176,7 +175,7 @@ class ControlNode:
         self.watchdog_stops = 0
         self.late_steps = 0
         """Control steps that began more than a period late."""
-        ServiceServer(ros, Trigger, "~/rearm", self._rearm)
+        trigger_server(ros, "~/rearm", self._rearm)
 
     def run(self, stop: threading.Event) -> None:
         """Step until ``stop``; the last command is 0."""
@@ -253,7 +252,7 @@ class ControlNode:
             )
         )
 
-    def _rearm(self, _: Trigger.Request, response: Trigger.Response) -> None:
+    def _rearm(self) -> None:
         """End the latched stop, at the request of the controller's operator."""
         with self._lock:
             now_ns, last_ns = self._clock_ns(), self._constraint_ns
@@ -264,7 +263,6 @@ class ControlNode:
                 )
             self._controller.rearm()
         self._ros.node.get_logger().warning("re-armed by an operator")
-        response.success = True
 
     def _report(self, decision: ControlDecision, now_ns: int) -> None:
         """Publish diagnostics at each change, at most 10 times per second, and each second."""

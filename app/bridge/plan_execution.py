@@ -21,12 +21,11 @@ from marginguard_msgs.action import Execute
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 
 from app.bridge.arm_control import control_periods
 from app.bridge.arm_inputs import BasePose, ConstraintInput, JointInput
 from app.bridge.calls.action_server import ActionServer, GoalOutcome, ServedGoal
-from app.bridge.calls.service_server import ServiceServer
+from app.bridge.calls.service_server import trigger_server
 from app.bridge.messages import header_message
 from app.bridge.node import RosNode
 from app.bridge.ros_errors import BridgeError
@@ -76,7 +75,7 @@ class ExecutionNode:
         self._constraints = ConstraintInput(ros, description.constraint_topic)
         self._cancelled = threading.Event()
         self._plans = ros.publisher(EXECUTED_PLAN)
-        ServiceServer(ros, Trigger, "~/cancel", self._cancel)
+        trigger_server(ros, "~/cancel", self.cancel)
 
     def allow(self) -> None:
         """Allow the next motion, which a cancel before it does not stop any more."""
@@ -233,10 +232,6 @@ class ExecutionNode:
             execution.receive(constraint, now_ns)
             if execution.constraint is constraint:  # not a repeated or old one
                 self._base.use(setup)
-
-    def _cancel(self, _: Trigger.Request, response: Trigger.Response) -> None:
-        self.cancel()
-        response.success = True
 
 
 @contextmanager

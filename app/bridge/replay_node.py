@@ -4,15 +4,13 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from marginguard_msgs.action import Replay
 from marginguard_msgs.srv import LoadCase, Seek, SetRate
-from std_srvs.srv import Trigger
 
 from app.bridge.calls.action_server import ActionServer, GoalOutcome, ServedGoal
-from app.bridge.calls.service_server import ServiceServer
+from app.bridge.calls.service_server import ServiceServer, trigger_server
 from app.bridge.environment import domain_of
 from app.bridge.messages import MM_PER_M, playback_text
 from app.bridge.node import RosNode
@@ -24,7 +22,7 @@ from app.hold import InstanceKey, host_id, refuse_beside_guard
 
 if TYPE_CHECKING:
     from app.case import Player
-    from app.runtime import ReplayRun  # slow to load: with the compiled kernels
+    from app.runtime import PreparedCase, ReplayRun  # slow to load: with the compiled kernels
 
 HEARTBEAT_HZ = 100.0
 """Rate at which the constraint is repeated while a replay follows real time."""
@@ -55,41 +53,21 @@ class PlayerServices:
             ("pause", player.pause),
             ("step", player.step),
         ):
-            ros.node.create_service(Trigger, f"~/{name}", _trigger(action))
-        ros.node.create_service(Seek, "~/seek", self._seek)
-        ros.node.create_service(SetRate, "~/set_rate", self._set_rate)
+            trigger_server(ros, f"~/{name}", action)
+        ServiceServer(ros, Seek, "~/seek", self._seek)
+        ServiceServer(ros, SetRate, "~/set_rate", self._set_rate)
 
-    def _seek(self, request: Seek.Request, response: Seek.Response) -> Seek.Response:
-        response.message = _refusal(lambda: self._player.seek(request.time))
-        response.success = not response.message
-        response.time = request.time if response.success else math.nan
-        return response
+    def _seek(self, request: Seek.Request, response: Seek.Response) -> None:
+        try:
+            self._player.seek(request.time)
+        except MarginGuardError as error:
+            response.message, response.time = str(error), math.nan
+        else:
+            response.success, response.time = True, request.time
 
-    def _set_rate(self, request: SetRate.Request, response: SetRate.Response) -> SetRate.Response:
-        rate = None if request.rate == math.inf else request.rate
-        response.message = _refusal(lambda: self._player.set_rate(rate))
-        response.success = not response.message
-        return response
-
-
-def _trigger(
-    action: Callable[[], None],
-) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
-    def serve(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.message = _refusal(action)
-        response.success = not response.message
-        return response
-
-    return serve
-
-
-def _refusal(action: Callable[[], None]) -> str:
-    """Call ``action``; returns the reason if it is refused, otherwise an empty string."""
-    try:
-        action()
-    except MarginGuardError as error:
-        return str(error)
-    return ""
+    def _set_rate(self, request: SetRate.Request, response: SetRate.Response) -> None:
+        self._player.set_rate(_rate(request.rate))
+        response.success = True
 
 
 @contextmanager
@@ -116,18 +94,7 @@ def replay_node(run: "ReplayRun", *, real_time: bool) -> Iterator[RosNode]:
             run.outputs.remove(publisher)
 
 
-@dataclass(frozen=True, slots=True)
-class ReplayPart:
-    """Part of a case to play. ``rate`` None means as fast as possible; ``end_s`` may be inf."""
-
-    folder: str
-    rate: float | None
-    start_s: float
-    end_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class ReplayProgress:
+class ReplayProgress(NamedTuple):
     """Progress of a replay; ``signed_distance_mm`` is None while it is unknown."""
 
     time_s: float
@@ -136,8 +103,7 @@ class ReplayProgress:
     signed_distance_mm: float | None
 
 
-@dataclass(frozen=True, slots=True)
-class ReplayTotals:
+class ReplayTotals(NamedTuple):
     """Totals of a replay that has finished or was stopped."""
 
     frames: int
@@ -145,31 +111,26 @@ class ReplayTotals:
     min_signed_distance_mm: float | None
 
 
-@dataclass(frozen=True, slots=True)
-class CaseInfo:
-    """Summary of a loaded case; ``duration_s`` spans the first to the last frame."""
-
-    name: str
-    frames: int
-    duration_s: float
-
-
 class Cases(Protocol):
     """Loads and plays cases in the calling thread. Implemented by the ``serve`` command."""
 
-    def load(self, folder: str) -> CaseInfo:
+    def load(self, folder: str) -> "PreparedCase":
         """Load a case; an empty ``folder`` means the loaded one. Raises `MarginGuardError`."""
 
     def play(
         self,
-        part: ReplayPart,
+        opened: "PreparedCase",
+        *,
+        rate: float | None,
+        start_s: float,
+        end_s: float,
         on_progress: Callable[[ReplayProgress], None],
         on_cancel: Callable[[Callable[[], None]], None],
-        /,
     ) -> ReplayTotals:
-        """Play a case and call ``on_progress`` at every frame.
+        """Play a part of ``opened`` and call ``on_progress`` at every frame.
 
-        ``on_cancel(stop)`` registers the function that stops the replay at once.
+        ``rate`` None means as fast as possible; ``end_s`` may be inf. ``on_cancel(stop)`` registers
+        the function that stops the replay at once.
         """
 
 
@@ -187,23 +148,34 @@ class ReplayServer:
     def _load_case(self, request: LoadCase.Request, response: LoadCase.Response) -> None:
         if not request.case_folder:
             raise InputError("case_folder is empty; expected the folder of a case")
-        info = self._cases.load(request.case_folder)
+        opened = self._cases.load(request.case_folder)
         response.success = True
-        response.name = info.name
-        response.frames = info.frames
-        response.duration = info.duration_s
+        response.name = opened.content.name
+        response.frames = opened.extent.frames
+        response.duration = opened.extent.duration_s
 
     def _run(self, served: ServedGoal) -> tuple[Replay.Result, GoalOutcome]:
         goal: Replay.Goal = served.request
-        part = _part(goal)
-        info = self._cases.load(part.folder)
-        if not part.start_s <= info.duration_s:
+        if not (math.isfinite(goal.start) and goal.start >= 0.0):
+            raise InputError(f"start is {goal.start} s; expected 0 or more")
+        if not goal.end > goal.start:
+            raise InputError(f"end is {goal.end} s; expected more than the start, {goal.start} s")
+        opened = self._cases.load(goal.case_folder)
+        duration_s = opened.extent.duration_s
+        if not goal.start <= duration_s:
             raise InputError(
-                f"start is {part.start_s:g} s; expected at most {info.duration_s:g} s, "
+                f"start is {goal.start:g} s; expected at most {duration_s:g} s, "
                 "the duration of the recording"
             )
-        feedback = _Feedback(served, info.duration_s)
-        totals = self._cases.play(part, feedback.update, served.on_cancel)
+        feedback = _Feedback(served, duration_s)
+        totals = self._cases.play(
+            opened,
+            rate=_rate(goal.rate),
+            start_s=goal.start,
+            end_s=goal.end,
+            on_progress=feedback.update,
+            on_cancel=served.on_cancel,
+        )
         feedback.flush()
         cancelled = served.cancelled.is_set()
         result = Replay.Result(
@@ -247,13 +219,9 @@ class _Feedback:
         self._progress = None
 
 
-def _part(goal: Replay.Goal) -> ReplayPart:
-    if not (math.isfinite(goal.start) and goal.start >= 0.0):
-        raise InputError(f"start is {goal.start} s; expected 0 or more")
-    if not goal.end > goal.start:
-        raise InputError(f"end is {goal.end} s; expected more than the start, {goal.start} s")
-    rate = None if goal.rate == math.inf else goal.rate
-    return ReplayPart(goal.case_folder, rate, goal.start, goal.end)
+def _rate(rate: float) -> float | None:
+    """The rate of a player: None, which waits for nothing, for inf."""
+    return None if rate == math.inf else rate
 
 
 def _metres(distance_mm: float | None) -> float:

@@ -14,6 +14,7 @@ from rclpy.serialization import serialize_message
 from rclpy.service import Service
 from rclpy.task import Future
 from rclpy.type_support import check_for_type_support
+from std_srvs.srv import Trigger
 
 from app.bridge.convert.plain import service_type
 from app.bridge.message_definitions import foreign_clients
@@ -246,6 +247,16 @@ class ServiceServer:
             self._ros.node.get_logger().error(f"service {self.name} failed: {reason}")
             return failure_reply(self.type.Response(), f"the server failed: {reason}")
         return None
+
+
+def trigger_server(ros: RosNode, name: str, action: Callable[[], object]) -> ServiceServer:
+    """Serve ``name``, a std_srvs/Trigger, by ``action()``; a `MarginGuardError` refuses."""
+
+    def handle(_: Trigger.Request, response: Trigger.Response) -> None:
+        action()
+        response.success = True
+
+    return ServiceServer(ros, Trigger, name, handle)
 
 
 def _qos(max_waiting: int | None) -> QoSProfile:

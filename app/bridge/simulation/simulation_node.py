@@ -26,10 +26,9 @@ from typing import Protocol
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_msgs.msg import Float64
-from std_srvs.srv import Trigger
 
 from app.bridge import topics
-from app.bridge.calls.service_server import ServiceServer
+from app.bridge.calls.service_server import trigger_server
 from app.bridge.messages import diagnostic_status, header_message
 from app.bridge.node import RosNode
 from app.bridge.simulation.arm_endpoint import ArmEndpoint, has_reader
@@ -134,9 +133,9 @@ class SimulationNode:
             ("~/resume", pace.resume),
             ("~/step", pace.step_once),
         ):
-            _serve(self._ros, name, action)
+            trigger_server(self._ros, name, action)
         for arm in self._arms:
-            _serve(self._ros, f"/{arm}/enable", partial(self._enabled.append, arm))
+            trigger_server(self._ros, f"/{arm}/enable", partial(self._enabled.append, arm))
 
     def idle(self) -> None:
         """Let a haptic device rest while the world is paused; see `Shell`."""
@@ -280,11 +279,3 @@ class SimulationNode:
             sample.target,
             sensor,
         )
-
-
-def _serve(ros: RosNode, name: str, action: Callable[[], object]) -> None:
-    def handle(_: Trigger.Request, response: Trigger.Response) -> None:
-        action()
-        response.success = True
-
-    ServiceServer(ros, Trigger, name, handle)

@@ -19,12 +19,7 @@ from app.cli.ros import load_ros
 from app.geometry import NS_PER_S, InputError
 
 if TYPE_CHECKING:
-    from app.bridge.replay_node import (
-        CaseInfo,
-        ReplayPart,
-        ReplayProgress,
-        ReplayTotals,
-    )
+    from app.bridge.replay_node import ReplayProgress, ReplayTotals
     from app.runtime import PreparedCase
 
 
@@ -93,54 +88,54 @@ class ServedCases:
         self._folder = ""
         self._opened: PreparedCase | None = None
 
-    def load(self, folder: str) -> "CaseInfo":
+    def load(self, folder: str) -> "PreparedCase":
         """Open the case; an empty name means the open one. Raises `InputError` without a case."""
-        from app.bridge.replay_node import CaseInfo
-
-        opened = self._open(folder)
-        return CaseInfo(opened.content.name, opened.extent.frames, opened.extent.duration_s)
+        with self._lock:
+            if self._opened is None or folder not in ("", self._folder):
+                self._opened, self._folder = self._read(folder), folder
+            return self._opened
 
     def play(
         self,
-        part: "ReplayPart",
-        report: Callable[["ReplayProgress"], None],
-        stops: Callable[[Callable[[], None]], None],
+        opened: "PreparedCase",
+        *,
+        rate: float | None,
+        start_s: float,
+        end_s: float,
+        on_progress: Callable[["ReplayProgress"], None],
+        on_cancel: Callable[[Callable[[], None]], None],
     ) -> "ReplayTotals":
-        """Replay ``part`` over ROS, calling ``report`` at every frame, until its end or a stop."""
+        """Replay a part of ``opened`` over ROS, until its end or a stop; see `Cases`."""
         from app.analysis import find_breaches
         from app.bridge import replay_node
         from app.bridge.replay_node import ReplayProgress, ReplayTotals
         from app.report import ReplayLog
         from app.runtime import ReplayRun
 
-        opened, log = self._open(part.folder), ReplayLog()
+        log = ReplayLog()
         run = ReplayRun(
             opened,
             clock_ns=time.monotonic_ns,
-            rate=part.rate,
-            start_s=part.start_s,
-            end_s=part.end_s,
+            rate=rate,
+            start_s=start_s,
+            end_s=end_s,
             outputs=(log,),
         )
-        stops(run.stop)
+        on_cancel(run.stop)
         first_ns = opened.extent.first_ns
-        with replay_node(run, real_time=part.rate is not None):
+        with replay_node(run, real_time=rate is not None):
             for step in run.steps():
                 time_s = (step.frame.stamp.ns - first_ns) / NS_PER_S
                 row = log.rows[-1]
-                report(ReplayProgress(time_s, len(log.rows), row.state, row.signed_distance_mm))
+                on_progress(
+                    ReplayProgress(time_s, len(log.rows), row.state, row.signed_distance_mm)
+                )
         distances = [row.signed_distance_mm for row in log.rows]
         return ReplayTotals(
             frames=len(log.rows),
             breaches=len(find_breaches(log.rows, opened.setup.margins.stale_after_ns)),
             min_signed_distance_mm=min((d for d in distances if d is not None), default=None),
         )
-
-    def _open(self, folder: str) -> "PreparedCase":
-        with self._lock:
-            if self._opened is None or folder not in ("", self._folder):
-                self._opened, self._folder = self._read(folder), folder
-            return self._opened
 
     def _read(self, folder: str) -> "PreparedCase":
         from app.files.paths import resolve_inside
