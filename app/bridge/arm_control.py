@@ -31,7 +31,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 
 from app.bridge import topics
-from app.bridge.arm_inputs import ArmInputs, BasePose, ConstraintInput
+from app.bridge.arm_inputs import BasePose, ConstraintInput, JointInput, WrenchInput
 from app.bridge.calls.service_server import trigger_server
 from app.bridge.convert.plain import message_type
 from app.bridge.messages import diagnostic_status, header_message, metres, vector_message
@@ -147,12 +147,8 @@ class ControlNode:
         self._description, self._clock_ns, self._ros = description, clock_ns, ros
         warm_up(description)
         self._controller = description.controller()
-        self._inputs = ArmInputs(
-            ros,
-            description.arm,
-            description.hand_topic,
-            hand_in_tool=description.hand_in_tool,
-        )
+        self._joints = JointInput(ros, description.arm)
+        self._wrench = WrenchInput(ros, description.hand_topic, in_tool=description.hand_in_tool)
         self._base = BasePose(ros, description.tracker_topic, description.frame_from_base)
         self._constraints = ConstraintInput(ros, description.constraint_topic)
         self._command: Publisher | None = None
@@ -203,7 +199,7 @@ class ControlNode:
                 self._newest = constraint
                 if self._controller.constraint is constraint:  # not a repeated or old one
                     self._base.use(setup)
-            joints, wrench = self._inputs.joints(), self._inputs.wrench()
+            joints, wrench = self._joints.measurement(), self._wrench.measurement()
             pose = self._base.measurement()
             now_ns = self._clock_ns()
             if self._impedance is not None:  # the arm feels the hand, nothing else does
@@ -222,7 +218,8 @@ class ControlNode:
 
     def problems(self) -> list[str]:
         """Inputs that have more than one sender, with the names of their nodes."""
-        return [*self._inputs.problems(), *filter(None, [self._base.problem()])]
+        inputs = self._joints, self._wrench, self._base
+        return [text for each in inputs if (text := each.problem())]
 
     def _send_impedance(
         self,

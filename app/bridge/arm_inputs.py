@@ -14,7 +14,7 @@ from sensor_msgs.msg import JointState
 
 from app.bridge.constraint_message import plain_constraint
 from app.bridge.message_origin import Origin
-from app.bridge.messages import MM_PER_M, ns_of
+from app.bridge.messages import ns_of, placed
 from app.bridge.node import RosNode
 from app.bridge.ros_errors import BridgeError
 from app.bridge.sender_names import MAX_BYTES, SingleSender
@@ -109,21 +109,16 @@ def read_joints(arm: str) -> dict[str, float]:
     return dict(zip(found.names, found.positions, strict=True))
 
 
-class ArmInputs:
-    """Joints of ``arm`` and the wrench on ``hand_topic``."""
+class WrenchInput(NewestMessage):
+    """The hand's wrench on ``topic``, in the axes of the tool if ``in_tool``."""
 
-    def __init__(self, ros: RosNode, arm: str, hand_topic: str, *, hand_in_tool: bool) -> None:
-        self._in_tool = hand_in_tool
-        self._joints = JointInput(ros, arm)
-        self._wrench = NewestMessage(ros, hand_topic, WrenchStamped)
+    def __init__(self, ros: RosNode, topic: str, *, in_tool: bool) -> None:
+        super().__init__(ros, topic, WrenchStamped)
+        self._in_tool = in_tool
 
-    def joints(self) -> JointMeasurement | None:
-        """The newest joint positions, with the stamp of their message."""
-        return self._joints.measurement()
-
-    def wrench(self) -> WrenchMeasurement | None:
-        """The hand's newest wrench, with the stamp of its message."""
-        message = self._wrench.message()
+    def measurement(self) -> WrenchMeasurement | None:
+        """The newest wrench, with the stamp of its message."""
+        message = self.message()
         if message is None:
             return None
         force, torque = message.wrench.force, message.wrench.torque
@@ -133,10 +128,6 @@ class ArmInputs:
             np.array([torque.x, torque.y, torque.z]),
             self._in_tool,
         )
-
-    def problems(self) -> list[str]:
-        """Topics with more than one sender."""
-        return [text for each in (self._joints, self._wrench) if (text := each.problem())]
 
 
 class Setup(NamedTuple):
@@ -240,13 +231,8 @@ def _transform(message: TransformStamped) -> Transform:
     """Raises `MarginGuardError` for numbers that are no pose and without names."""
     if not (message.header.frame_id and message.child_frame_id):
         raise FrameError("pose of a constraint: has no frames; expected their names")
-    place, turn = message.transform.translation, message.transform.rotation
-    return Transform.from_quaternion(
-        (turn.x, turn.y, turn.z, turn.w),
-        [MM_PER_M * value for value in (place.x, place.y, place.z)],
-        target=message.header.frame_id,
-        source=message.child_frame_id,
-    )
+    edge = message.transform
+    return placed(edge.translation, edge.rotation, message.header.frame_id, message.child_frame_id)
 
 
 class ConstraintInput:

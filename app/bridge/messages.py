@@ -116,7 +116,11 @@ def transform_of(
 
 def pose_of(message: Pose, frame: str, source: str) -> Transform:
     """``frame_from_source`` of a pose. Raises `MarginGuardError` for numbers that are no pose."""
-    place, turn = message.position, message.orientation
+    return placed(message.position, message.orientation, frame, source)
+
+
+def placed(place: Point | Vector3, turn: Quaternion, frame: str, source: str) -> Transform:
+    """``frame_from_source`` at ``place`` in m. Raises as `pose_of`."""
     return Transform.from_quaternion(
         (turn.x, turn.y, turn.z, turn.w),
         [MM_PER_M * value for value in (place.x, place.y, place.z)],

@@ -115,7 +115,7 @@ MARGIN_COLOR = Topic("~/margin_color", ColorRGBA, LATCHED)
 """The colour of the margin state."""
 
 MARKERS = Topic("~/markers", MarkerArray, LATCHED)
-"""Meshes of tumour and tool and the text of the margin, from two publishers: see `Markers`."""
+"""Meshes of tumour and tool and the text of the margin, by two publishers: see `PreparedShapes`."""
 
 CLOCK = Topic("/clock", Clock, NEWEST)
 """The player's time, for nodes with ``use_sim_time``."""

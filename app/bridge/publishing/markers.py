@@ -7,7 +7,8 @@ frame, so that a viewer draws them at the latest pose.
 """
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -21,7 +22,7 @@ from app.bridge.messages import color_message, metres, point_message
 from app.bridge.ros_errors import BridgeError
 from app.fixture import FixtureDecision, MarginState
 from app.geometry import FloatArray, SurfaceMesh
-from app.runtime import SessionContent, StructureContent
+from app.runtime import SessionContent
 from app.session import named
 
 MAX_TRIANGLES = 25_000
@@ -104,50 +105,6 @@ def simplified(
         cell *= _COARSER
 
 
-class Markers:
-    """Creates the markers of a session. The triangles are converted once for all colours.
-
-    A surface of more than `MAX_TRIANGLES` triangles is simplified for its marker.
-    """
-
-    def __init__(self, content: SessionContent) -> None:
-        self._tumor_frame = content.tumor.frame
-        self._points_m = [corners_m(content.tumor)]
-        self._tool_frame = None if content.tool is None else content.tool.frame
-        if content.tool is not None:
-            self._points_m.append(corners_m(content.tool))
-        lowest, highest = content.tumor.bounds_mm
-        text_at_mm = (lowest + highest) / 2.0
-        text_at_mm[2] = highest[2] + TEXT_ABOVE_TUMOR_MM
-        self._text = marker_message(
-            "margin", self._tumor_frame, Marker.TEXT_VIEW_FACING, ColorRGBA()
-        )
-        self._text.pose.position = point_message(text_at_mm)
-        self._text.scale.z = float(metres(TEXT_HEIGHT_MM))
-
-    def surfaces(self, state: MarginState) -> bytes:
-        """Serialised `MarkerArray` of the tumour, in the colour of ``state``, and of the tool.
-
-        Both are a TRIANGLE_LIST.
-        """
-        color = color_message(state.color, TUMOR_ALPHA)
-        markers = [_surface("tumor", self._tumor_frame, color, 0)]
-        if self._tool_frame is not None:
-            markers.append(_surface("tool", self._tool_frame, color_message(TOOL_RGB), 1))
-        return serialized(MarkerArray(markers=markers), self._points_m)
-
-    def text(
-        self, decision: FixtureDecision, governing: str = "", warnings: Sequence[str] = ()
-    ) -> MarkerArray:
-        """Marker with `margin_text` and ``warnings``, above the tumour, in the colour of the state.
-
-        Each call fills in the same marker: publish it before the next one.
-        """
-        self._text.color = color_message(decision.state.color)
-        self._text.text = "\n".join([margin_text(decision, governing), *warnings])
-        return MarkerArray(markers=[self._text])
-
-
 def margin_text(decision: FixtureDecision, governing: str = "") -> str:
     """Text such as ``CLEAR +9.2 mm``, ``IN TUMOUR -1.4 mm``, or ``UNKNOWN: stale, missing``.
 
@@ -160,7 +117,8 @@ def margin_text(decision: FixtureDecision, governing: str = "") -> str:
     return f"{label} {decision.proximity.signed_distance_mm:+.1f} mm"
 
 
-def _surface(name: str, frame: str, color: ColorRGBA, number: int) -> Marker:
+def surface_marker(name: str, frame: str, color: ColorRGBA, number: int) -> Marker:
+    """A TRIANGLE_LIST in ``frame`` for `serialized`, as the ``number``-th of its array."""
     marker = marker_message(name, frame, Marker.TRIANGLE_LIST, color)
     marker.points = [placeholder(number)]
     return marker
@@ -181,55 +139,54 @@ def marker_message(name: str, frame: str, kind: int, color: ColorRGBA) -> Marker
     return marker
 
 
-def structure_marker(name: str, color: ColorRGBA) -> Marker:
-    """Marker of the further structure ``name``, in its own frame."""
-    return _surface(f"structure/{name}", name, color, 0)
-
-
 def removed_structure(name: str) -> MarkerArray:
     """Removes the marker of a further structure that is not guarded any more."""
-    marker = structure_marker(name, ColorRGBA())
-    marker.action, marker.points = Marker.DELETE, []
-    return MarkerArray(markers=[marker])
+    message = _structure(name, ColorRGBA())
+    message.markers[0].action, message.markers[0].points = Marker.DELETE, []
+    return message
 
 
-class _StructureShape:
-    """Marker of one further structure, serialised for each of its states."""
-
-    def __init__(self, structure: StructureContent) -> None:
-        self.structure = structure
-        points_m = [corners_m(structure.surface)]
-        self.of_state = {
-            state: serialized(
-                MarkerArray(
-                    markers=[
-                        structure_marker(structure.name, color_message(state.color, TUMOR_ALPHA))
-                    ]
-                ),
-                points_m,
-            )
-            for state in MarginState
-        }
+def _structure(name: str, color: ColorRGBA) -> MarkerArray:
+    """Marker of the further structure ``name``, in its own frame."""
+    return MarkerArray(markers=[surface_marker(f"structure/{name}", name, color, 0)])
 
 
 class PreparedShapes:
-    """Surface markers of ``content``, serialised once for each margin state.
+    """Markers of ``content``: surfaces serialised once for each margin state, and the text.
 
-    Create them in another thread while the session continues.
+    The triangles are converted once for all colours. A surface of more than `MAX_TRIANGLES`
+    triangles is simplified for its marker. Create them in another thread while the session
+    continues.
     """
 
     def __init__(self, content: SessionContent) -> None:
-        self._tumor, self._tool = content.tumor, content.tool
-        self._markers = Markers(content)
-        self._surfaces = {state: self._markers.surfaces(state) for state in MarginState}
+        self._made_of = _surfaces(content)
+        lowest, highest = content.tumor.bounds_mm
+        text_at_mm = (lowest + highest) / 2.0
+        text_at_mm[2] = highest[2] + TEXT_ABOVE_TUMOR_MM
+        self._text = marker_message(
+            "margin", content.tumor.frame, Marker.TEXT_VIEW_FACING, ColorRGBA()
+        )
+        self._text.pose.position = point_message(text_at_mm)
+        self._text.scale.z = float(metres(TEXT_HEIGHT_MM))
         self._texts: dict[tuple[MarginState, str, tuple[str, ...]], bytes] = {}
-        self._structures = {each.name: _StructureShape(each) for each in content.structures}
+
+        tool = [] if content.tool is None else [content.tool]
+        tools = [surface_marker("tool", each.frame, color_message(TOOL_RGB), 1) for each in tool]
+        self._surfaces = _of_states(
+            lambda color: MarkerArray(
+                markers=[surface_marker("tumor", content.tumor.frame, color, 0), *tools]
+            ),
+            [corners_m(each) for each in (content.tumor, *tool)],
+        )
+        self._structures = {
+            each.name: _of_states(partial(_structure, each.name), [corners_m(each.surface)])
+            for each in content.structures
+        }
 
     def match(self, content: SessionContent) -> bool:
         """True if they were created from the surfaces of ``content``."""
-        mine = [each.structure.surface for each in self._structures.values()]
-        surfaces = [each.surface for each in content.structures]
-        return (content.tumor, content.tool) == (self._tumor, self._tool) and mine == surfaces
+        return self._made_of == _surfaces(content)
 
     @property
     def structures(self) -> tuple[str, ...]:
@@ -238,22 +195,43 @@ class PreparedShapes:
 
     def structure(self, name: str, state: MarginState) -> bytes:
         """Serialised ``MarkerArray`` of a further structure, in the colour of its ``state``."""
-        return self._structures[name].of_state[state]
+        return self._structures[name][state]
 
     def surfaces(self, state: MarginState) -> bytes:
-        """Serialised ``MarkerArray`` of the tumour, in the colour of ``state``, and of the tool."""
+        """Serialised ``MarkerArray`` of the tumour, in the colour of ``state``, and of the tool.
+
+        Both are a TRIANGLE_LIST.
+        """
         return self._surfaces[state]
 
     def text(
         self, decision: FixtureDecision, governing: str = "", warnings: Sequence[str] = ()
     ) -> bytes:
-        """Serialised ``MarkerArray`` of `margin_text` and ``warnings``, above the tumour."""
+        """Serialised ``MarkerArray`` of `margin_text` and ``warnings``, above the tumour.
+
+        In the colour of the state.
+        """
         key = (decision.state, margin_text(decision, governing), tuple(warnings))
         known = self._texts.get(key)
         if known is None:
             if len(self._texts) >= _MAX_TEXTS:
                 self._texts.clear()
-            known = self._texts[key] = bytes(
-                serialize_message(self._markers.text(decision, governing, warnings))
-            )
+            self._text.color = color_message(decision.state.color)
+            self._text.text = "\n".join([key[1], *warnings])
+            known = bytes(serialize_message(MarkerArray(markers=[self._text])))
+            self._texts[key] = known
         return known
+
+
+def _surfaces(content: SessionContent) -> list[SurfaceMesh | None]:
+    return [content.tumor, content.tool, *(each.surface for each in content.structures)]
+
+
+def _of_states(
+    markers: Callable[[ColorRGBA], MarkerArray], points_m: Sequence[FloatArray]
+) -> dict[MarginState, bytes]:
+    """The serialised markers of each state, by ``markers(color)`` with its colour."""
+    return {
+        state: serialized(markers(color_message(state.color, TUMOR_ALPHA)), points_m)
+        for state in MarginState
+    }

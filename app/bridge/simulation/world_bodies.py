@@ -20,15 +20,14 @@ from collections import deque
 from collections.abc import Callable
 
 import numpy as np
-from geometry_msgs.msg import Pose, Quaternion
 from rclpy.serialization import deserialize_message
-from std_msgs.msg import Header, String
+from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
-from app.bridge.messages import MM_PER_M, color_message, ns_of
+from app.bridge.messages import MM_PER_M, color_message, ns_of, pose_of
 from app.bridge.node import RosNode
-from app.bridge.publishing.markers import MAX_TRIANGLES, corners_m, placeholder, serialized
+from app.bridge.publishing.markers import MAX_TRIANGLES, corners_m, serialized, surface_marker
 from app.bridge.ros_errors import BridgeError
 from app.bridge.tf_poses import TfMessageReader
 from app.bridge.topics import INCOMING_TF, LATCHED, STREAM, Topic
@@ -223,13 +222,7 @@ def _entry(name: str, marker: Marker) -> BodyEntry:
             "origin; expected a surface in m"
         )
     vertices, faces, _ = weld_vertices(MM_PER_M * points, np.arange(3 * count).reshape(-1, 3))
-    place, turn = marker.pose.position, marker.pose.orientation
-    pose = Transform.from_quaternion(
-        (turn.x, turn.y, turn.z, turn.w),
-        MM_PER_M * np.array([place.x, place.y, place.z]),
-        target=check_frame(marker.header.frame_id),
-        source=name,
-    )
+    pose = pose_of(marker.pose, check_frame(marker.header.frame_id), name)
     return BodyEntry(name, SurfaceMesh(name, vertices, faces.astype(np.int32)), _placed(pose), None)
 
 
@@ -284,7 +277,10 @@ class BodyShapes:
         ]
         share = min(MAX_TRIANGLES, MAX_ALL_TRIANGLES // max(len(shapes), 1))
         markers = [Marker(action=Marker.DELETEALL)]
-        markers += [_marker(name, kind, n) for n, (name, kind, _) in enumerate(shapes)]
+        for number, (name, kind, _) in enumerate(shapes):
+            marker = surface_marker(name, f"{TRUTH}{name}", color_message(_RGB), number)
+            marker.text = str(kind)
+            markers.append(marker)
         points_m = [corners_m(mesh, share) for _, _, mesh in shapes]
         self._publisher.publish(serialized(MarkerArray(markers=markers), points_m))
 
@@ -292,19 +288,3 @@ class BodyShapes:
         if not any(body is each for each in self._given):
             return BodyKind.ADDED
         return BodyKind.FIXED if body.mass_kg is None else BodyKind.FREE
-
-
-def _marker(name: str, kind: BodyKind, number: int) -> Marker:
-    marker = Marker(
-        header=Header(frame_id=f"{TRUTH}{name}"),
-        ns=name,
-        type=Marker.TRIANGLE_LIST,
-        action=Marker.ADD,
-        pose=Pose(orientation=Quaternion(w=1.0)),
-        color=color_message(_RGB),
-        frame_locked=True,
-        points=[placeholder(number)],
-        text=str(kind),
-    )
-    marker.scale.x = marker.scale.y = marker.scale.z = 1.0
-    return marker

@@ -11,7 +11,6 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from app.bridge.publishing.markers import (
     MAX_TRIANGLES,
-    Markers,
     PreparedShapes,
     corners_m,
     margin_text,
@@ -26,7 +25,7 @@ pytestmark = pytest.mark.slow
 
 
 def surfaces(content, state=MarginState.NEGATIVE):
-    return deserialize_message(Markers(content).surfaces(state), MarkerArray)
+    return deserialize_message(PreparedShapes(content).surfaces(state), MarkerArray)
 
 
 def test_marker_triangles_are_those_of_the_mesh_in_metres(content):
@@ -68,9 +67,10 @@ def test_without_tool_mesh_only_the_tumour_is_published(content):
 
 
 def test_text_is_above_the_tumour(content, make_step):
-    (marker,) = Markers(content).text(make_step(0).decision).markers
+    shapes = PreparedShapes(content)
+    (marker,) = deserialize_message(shapes.text(make_step(0).decision), MarkerArray).markers
     assert marker.text == "CLEAR +7.5 mm"
-    near = PreparedShapes(content).text(make_step(0).decision, "", ["tool 'left' is 3.2 mm away"])
+    near = shapes.text(make_step(0).decision, "", ["tool 'left' is 3.2 mm away"])
     (warned,) = deserialize_message(near, MarkerArray).markers
     assert warned.text == "CLEAR +7.5 mm\ntool 'left' is 3.2 mm away"
     position = marker.pose.position
@@ -82,9 +82,10 @@ def test_known_texts_are_those_of_their_decisions(content, make_step, monkeypatc
     shapes = PreparedShapes(content)
     steps = [make_step(0), make_step(0, lost=True), make_step(0, state=MarginState.WARNING)]
     for step in [*steps, *steps]:
-        message = serialize_message(Markers(content).text(step.decision))
-        expected = deserialize_message(message, MarkerArray)  # float32
-        assert deserialize_message(shapes.text(step.decision), MarkerArray) == expected
+        expected = PreparedShapes(content).text(step.decision)
+        assert deserialize_message(shapes.text(step.decision), MarkerArray) == deserialize_message(
+            expected, MarkerArray
+        )
 
 
 def test_text_of_breach_and_unknown(make_step):
@@ -97,7 +98,7 @@ def test_text_of_breach_and_unknown(make_step):
 
 
 def test_points_written_as_bytes_are_those_that_rclpy_serialises(content):
-    found = Markers(content).surfaces(MarginState.WARNING)
+    found = PreparedShapes(content).surfaces(MarginState.WARNING)
     expected = deserialize_message(found, MarkerArray)
     for marker, mesh in zip(expected.markers, (content.tumor, content.tool), strict=True):
         marker.points = [Point(x=x, y=y, z=z) for x, y, z in corners_m(mesh).tolist()]
