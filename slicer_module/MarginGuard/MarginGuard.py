@@ -175,31 +175,29 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             edit.filters = ctk.ctkPathLineEdit.Files
         ui.casePathLineEdit.filters = ctk.ctkPathLineEdit.Dirs
         ui.registrationPathLineEdit.filters = ctk.ctkPathLineEdit.Dirs
-        for button, command in (
-            (
-                ui.connectButton,
-                lambda logic: logic.connect(Path(ui.configPathLineEdit.currentPath)),
-            ),
-            (ui.disconnectButton, lambda logic: logic.disconnect()),
-            (ui.registerButton, self._register),
-            (ui.acceptButton, lambda logic: logic.accept_registration()),
-            (
-                ui.setTumorButton,
-                lambda logic: logic.set_tumor(self.settings.tumor, self.settings.segment),
-            ),
-            (
-                ui.applyMarginsButton,
-                lambda logic: logic.set_margins(self.settings.stop_mm, self.settings.warn_mm),
-            ),
-            (ui.rearmButton, lambda logic: logic.rearm()),
-            (ui.recordButton, lambda logic: logic.record(True)),
-            (ui.stopRecordingButton, self._stop_recording),
-            (ui.loadButton, lambda logic: logic.load_case(Path(ui.casePathLineEdit.currentPath))),
-            (ui.playButton, lambda logic: logic.play()),
-            (ui.pauseButton, lambda logic: logic.pause()),
-            (ui.stepButton, lambda logic: logic.step()),
-        ):
-            self._on_click(button, command)
+        self._on_click(
+            ui.connectButton, lambda logic: logic.connect(Path(ui.configPathLineEdit.currentPath))
+        )
+        self._on_click(ui.disconnectButton, lambda logic: logic.disconnect())
+        self._on_click(ui.registerButton, self._register)
+        self._on_click(ui.acceptButton, lambda logic: logic.accept_registration())
+        self._on_click(
+            ui.setTumorButton,
+            lambda logic: logic.set_tumor(self.settings.tumor, self.settings.segment),
+        )
+        self._on_click(
+            ui.applyMarginsButton,
+            lambda logic: logic.set_margins(self.settings.stop_mm, self.settings.warn_mm),
+        )
+        self._on_click(ui.rearmButton, lambda logic: logic.rearm())
+        self._on_click(ui.recordButton, lambda logic: logic.record(True))
+        self._on_click(ui.stopRecordingButton, self._stop_recording)
+        self._on_click(
+            ui.loadButton, lambda logic: logic.load_case(Path(ui.casePathLineEdit.currentPath))
+        )
+        self._on_click(ui.playButton, lambda logic: logic.play())
+        self._on_click(ui.pauseButton, lambda logic: logic.pause())
+        self._on_click(ui.stepButton, lambda logic: logic.step())
         from MarginGuardLib.sections import Sections, ViewSection
 
         self._sections = Sections(ui, self._on_click)

@@ -26,28 +26,25 @@ class GuidedSection:
         """Contents as shown: a command names the revision that its operator has seen."""
         self._calibrated = ToolChoice(ui.calibratedToolComboBox)
         self._touching = ToolChoice(ui.touchToolComboBox)
-        for button, command in (
-            (ui.startPivotButton, partial(self._calibrate, CalibrationKind.PIVOT)),
-            (ui.startSpinButton, partial(self._calibrate, CalibrationKind.SPIN)),
-            (
-                ui.stopCalibrationButton,
-                lambda logic: logic.calibration().stop(self._calibration.revision),
-            ),
-            (
-                ui.discardCalibrationButton,
-                lambda logic: logic.calibration().discard(self._calibration.revision),
-            ),
-            (ui.useCalibrationButton, self._use_calibration),
-            (ui.undoCalibrationButton, self._undo_calibration),
-            (ui.startTouchButton, self._start_touch),
-            (ui.stopTouchButton, lambda logic: logic.touch().stop(self._touch.revision)),
-            (ui.discardTouchButton, lambda logic: logic.touch().discard(self._touch.revision)),
-            (ui.removePointButton, self._remove_point),
-            (ui.restorePointButton, lambda logic: logic.touch().restore(self._touch.revision)),
-            (ui.useTouchButton, self._use_registration),
-            (ui.undoRegistrationButton, self._undo_registration),
-        ):
-            on_click(button, command)
+        on_click(ui.startPivotButton, partial(self._calibrate, CalibrationKind.PIVOT))
+        on_click(ui.startSpinButton, partial(self._calibrate, CalibrationKind.SPIN))
+        on_click(
+            ui.stopCalibrationButton,
+            lambda logic: logic.calibration().stop(self._calibration.revision),
+        )
+        on_click(
+            ui.discardCalibrationButton,
+            lambda logic: logic.calibration().discard(self._calibration.revision),
+        )
+        on_click(ui.useCalibrationButton, self._use_calibration)
+        on_click(ui.undoCalibrationButton, self._undo_calibration)
+        on_click(ui.startTouchButton, self._start_touch)
+        on_click(ui.stopTouchButton, lambda logic: logic.touch().stop(self._touch.revision))
+        on_click(ui.discardTouchButton, lambda logic: logic.touch().discard(self._touch.revision))
+        on_click(ui.removePointButton, self._remove_point)
+        on_click(ui.restorePointButton, lambda logic: logic.touch().restore(self._touch.revision))
+        on_click(ui.useTouchButton, self._use_registration)
+        on_click(ui.undoRegistrationButton, self._undo_registration)
 
     def show(self, status: PanelStatus) -> None:
         """Show both recordings, and the tools that may be chosen."""

@@ -19,31 +19,25 @@ class PlanSection:
         self._ui = ui
         self._needle: NeedleShown | None = None
         self._corridors: tuple[str, ...] = ()
-        for button, command in (
-            (
-                ui.showApproachButton,
-                lambda logic: logic.plans.show_approach(_path(ui.approachPathLineEdit)),
-            ),
-            (ui.removeApproachButton, lambda logic: logic.plans.ghost.remove()),
-            (
-                ui.showNeedleButton,
-                lambda logic: logic.plans.show_needle(_path(ui.needlePathLineEdit)),
-            ),
-            (
-                ui.beginGoalButton,
-                lambda logic: logic.plans.goal.begin(ui.goalClearanceSpinBox.property("value")),
-            ),
-            (ui.planGoalButton, lambda logic: logic.plans.goal.plan()),
-            (ui.endGoalButton, lambda logic: logic.plans.goal.end()),
-            (ui.removeNeedleButton, lambda logic: logic.plans.needle.remove()),
-            (
-                ui.useCorridorButton,
-                lambda logic: logic.plans.needle.choose(
-                    ui.corridorComboBox.property("currentIndex")
-                ),
-            ),
-        ):
-            on_click(button, command)
+        on_click(
+            ui.showApproachButton,
+            lambda logic: logic.plans.show_approach(_path(ui.approachPathLineEdit)),
+        )
+        on_click(ui.removeApproachButton, lambda logic: logic.plans.ghost.remove())
+        on_click(
+            ui.showNeedleButton, lambda logic: logic.plans.show_needle(_path(ui.needlePathLineEdit))
+        )
+        on_click(
+            ui.beginGoalButton,
+            lambda logic: logic.plans.goal.begin(ui.goalClearanceSpinBox.property("value")),
+        )
+        on_click(ui.planGoalButton, lambda logic: logic.plans.goal.plan())
+        on_click(ui.endGoalButton, lambda logic: logic.plans.goal.end())
+        on_click(ui.removeNeedleButton, lambda logic: logic.plans.needle.remove())
+        on_click(
+            ui.useCorridorButton,
+            lambda logic: logic.plans.needle.choose(ui.corridorComboBox.property("currentIndex")),
+        )
 
     def show(self, shown: PlansShown) -> None:
         """Show ``shown``."""

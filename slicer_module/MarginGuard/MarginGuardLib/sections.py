@@ -27,15 +27,12 @@ class ContourSection:
     def __init__(self, ui: Any, on_click: OnClick) -> None:
         self._ui = ui
         self._tool = ToolChoice(ui.tipToolComboBox)
-        for button, command in (
-            (ui.placePointsButton, lambda logic: logic.contour.place()),
-            (ui.tipPointButton, lambda logic: logic.contour.add_tip(self._tool.tool)),
-            (ui.eraseAtTipButton, self._erase),
-            (ui.undoPointButton, lambda logic: logic.contour.undo()),
-            (ui.deletePointsButton, self._delete_all),
-            (ui.useContourButton, self._use),
-        ):
-            on_click(button, command)
+        on_click(ui.placePointsButton, lambda logic: logic.contour.place())
+        on_click(ui.tipPointButton, lambda logic: logic.contour.add_tip(self._tool.tool))
+        on_click(ui.eraseAtTipButton, self._erase)
+        on_click(ui.undoPointButton, lambda logic: logic.contour.undo())
+        on_click(ui.deletePointsButton, self._delete_all)
+        on_click(ui.useContourButton, self._use)
 
     def show(self, shown: ContourShown, tools: Sequence[str]) -> None:
         """Show ``shown`` and the ``tools`` that may be chosen."""
@@ -70,13 +67,12 @@ class EventsSection:
     def __init__(self, ui: Any, on_click: OnClick) -> None:
         self._ui = ui
         breaches, notes = ui.breachTableWidget, ui.noteTableWidget
-        for button, command in (
-            (ui.goToBreachButton, lambda logic: logic.events.go_to_breach(breaches.currentRow())),
-            (ui.goToNoteButton, lambda logic: logic.events.go_to_note(notes.currentRow())),
-            (ui.addNoteButton, self._add_note),
-            (ui.eventsTableButton, lambda logic: logic.events.to_table()),
-        ):
-            on_click(button, command)
+        on_click(
+            ui.goToBreachButton, lambda logic: logic.events.go_to_breach(breaches.currentRow())
+        )
+        on_click(ui.goToNoteButton, lambda logic: logic.events.go_to_note(notes.currentRow()))
+        on_click(ui.addNoteButton, self._add_note)
+        on_click(ui.eventsTableButton, lambda logic: logic.events.to_table())
 
     def show(self, events: SessionEvents, *, has_session: bool, is_replay: bool) -> None:
         """Show what ``events`` lists now."""
@@ -172,18 +168,15 @@ class UltrasoundSection:
         self._ui = ui
         self._shown = UltrasoundShown()
         self._depths: tuple[float, ...] | None = None
-        for button, command in (
-            (
-                ui.freezeImageButton,
-                lambda logic: logic.ultrasound.freeze(ui.freezeImageButton.property("checked")),
-            ),
-            (
-                ui.followImageButton,
-                lambda logic: logic.ultrasound.follow(ui.followImageButton.property("checked")),
-            ),
-            (ui.useDepthButton, self._use_depth),
-        ):
-            on_click(button, command)
+        on_click(
+            ui.freezeImageButton,
+            lambda logic: logic.ultrasound.freeze(ui.freezeImageButton.property("checked")),
+        )
+        on_click(
+            ui.followImageButton,
+            lambda logic: logic.ultrasound.follow(ui.followImageButton.property("checked")),
+        )
+        on_click(ui.useDepthButton, self._use_depth)
 
     def show(self, shown: UltrasoundShown) -> None:
         """Show ``shown``."""
@@ -221,22 +214,19 @@ class ViewSection:
 
     def __init__(self, ui: Any, on_click: OnClick) -> None:
         self._ui = ui
-        for button, command in (
-            (ui.anteriorViewButton, lambda logic: logic.view.look_from(Preset.ANTERIOR)),
-            (ui.leftViewButton, lambda logic: logic.view.look_from(Preset.LEFT)),
-            (ui.rightViewButton, lambda logic: logic.view.look_from(Preset.RIGHT)),
-            (ui.superiorViewButton, lambda logic: logic.view.look_from(Preset.SUPERIOR)),
-            (
-                ui.bullseyeButton,
-                lambda logic: logic.view.follow_tool(ui.bullseyeButton.property("checked")),
-            ),
-            (
-                ui.centreButton,
-                lambda logic: logic.view.keep_centred(ui.centreButton.property("checked")),
-            ),
-            (ui.deleteMarkersButton, lambda logic: logic.view.delete_markers()),
-        ):
-            on_click(button, command)
+        on_click(ui.anteriorViewButton, lambda logic: logic.view.look_from(Preset.ANTERIOR))
+        on_click(ui.leftViewButton, lambda logic: logic.view.look_from(Preset.LEFT))
+        on_click(ui.rightViewButton, lambda logic: logic.view.look_from(Preset.RIGHT))
+        on_click(ui.superiorViewButton, lambda logic: logic.view.look_from(Preset.SUPERIOR))
+        on_click(
+            ui.bullseyeButton,
+            lambda logic: logic.view.follow_tool(ui.bullseyeButton.property("checked")),
+        )
+        on_click(
+            ui.centreButton,
+            lambda logic: logic.view.keep_centred(ui.centreButton.property("checked")),
+        )
+        on_click(ui.deleteMarkersButton, lambda logic: logic.view.delete_markers())
 
     def show(self, view: PanelView, status: PanelStatus) -> None:
         """Show what ``view`` follows, and the activation of ``status``."""

@@ -1,16 +1,14 @@
 """Non-blocking action clients, an addition to SlicerROS2's interface."""
 
-import threading
-from collections.abc import Callable
 from typing import Any
 
 from slicer import vtkMRMLScriptedModuleNode
 
-from app.bridge.calls import ActionClient, CallError, GoalEndedError
-from app.bridge.convert import action_type, type_name
+from app.bridge.calls import ActionClient
+from app.bridge.convert import action_type
 from app.geometry import MarginGuardError
 from app.runtime.thread_handover import LatestValue
-from ROS2Lib.member import ClientMember, Owner, Ros2Error
+from ROS2Lib.member import ClientMember, Owner, PendingCall, Ros2Error
 from ROS2Lib.ros_message import message_of, value_of
 
 _TIMEOUT_S = 3600.0
@@ -18,47 +16,17 @@ _CANCEL_TIMEOUT_S = 3.0
 """Time for the server to receive the cancellation before the client leaves the graph."""
 
 
-class _Goal:
-    """One active goal, executed in a thread of its own."""
-
-    def __init__(
-        self, client: ActionClient, goal: Any, timeout_s: float, changed: Callable[[], None]
-    ) -> None:
-        self.result: Any = None
-        self.error = ""
-        self.feedback: LatestValue[Any] = LatestValue()
-        self.done = threading.Event()
-        self.cancel = threading.Event()
-        self._work = (client, goal, timeout_s)
-        self._changed = changed
-        threading.Thread(target=self._run, name=f"goal of {client.name}", daemon=True).start()
-
-    def _run(self) -> None:
-        client, goal, timeout_s = self._work
-        try:
-            self.result = client.call(goal, timeout_s, self.cancel, feedback=self._take)
-        except CallError as error:
-            self.error = str(error)
-            self.result = error.result if isinstance(error, GoalEndedError) else None
-        self.done.set()
-        self._changed()
-
-    def _take(self, feedback: Any) -> None:
-        self.feedback.put(feedback)
-        self._changed()
-
-
 class vtkMRMLROS2ActionClientNode(ClientMember, vtkMRMLScriptedModuleNode):
     """Action client. `Spin` invokes ``ModifiedEvent`` on new feedback and at the goal's end."""
 
     ROLE = "action client"
-    KIND = ""
 
     def __init__(self) -> None:
         self._type = action_type(self.KIND)
         self._client: ActionClient | None = None
         self._action = ""
-        self._goal: _Goal | None = None
+        self._goal: PendingCall | None = None
+        self._received: LatestValue[Any] = LatestValue()
         self._feedback: Any = None
         self._result: Any = None
         self._error = "no goal was sent"
@@ -67,10 +35,6 @@ class vtkMRMLROS2ActionClientNode(ClientMember, vtkMRMLScriptedModuleNode):
     def GetAction(self) -> str:
         """The action's name as given."""
         return self._action
-
-    def GetROSType(self) -> str:
-        """``marginguard_msgs/action/Replay``."""
-        return type_name(self._type)
 
     def CreateBlankGoal(self) -> Any:
         """An empty goal to fill in and send."""
@@ -85,7 +49,19 @@ class vtkMRMLROS2ActionClientNode(ClientMember, vtkMRMLScriptedModuleNode):
         message = message_of(goal, self._type.Goal)
         self._feedback = self._result = None
         self._error = "the goal is under way"
-        self._goal = _Goal(self._client, message, self._timeout_s, self._owner.wake)
+        client, wake, timeout_s = self._client, self._owner.wake, self._timeout_s
+        received: LatestValue[Any] = LatestValue()
+
+        def take(feedback: Any) -> None:
+            received.put(feedback)
+            wake()
+
+        self._received = received
+        self._goal = PendingCall(
+            f"goal of {client.name}",
+            lambda cancel: client.call(message, timeout_s, cancel, feedback=take),
+            wake,
+        )
 
     def CancelGoal(self) -> bool:
         """Request cancellation of the active goal; False if there is none."""
@@ -110,10 +86,6 @@ class vtkMRMLROS2ActionClientNode(ClientMember, vtkMRMLScriptedModuleNode):
         """True if the last goal succeeded."""
         return self._error == ""
 
-    def GetLastError(self) -> str:
-        """The reason why the last goal has not succeeded; empty if it has."""
-        return self._error
-
     def status(self) -> str:
         """Type and outcome of the last goal."""
         return f"{self.GetROSType()}, {self._error or 'reached'}"
@@ -124,14 +96,14 @@ class vtkMRMLROS2ActionClientNode(ClientMember, vtkMRMLScriptedModuleNode):
         if goal is None:
             return
         is_done = goal.done.is_set()
-        feedback = goal.feedback.take(0.0)
+        feedback = self._received.take(0.0)
         if feedback is not None:
             self._feedback = value_of(feedback)
         if is_done:
             self._goal, self._error = None, goal.error
-            if goal.result is not None:
+            if goal.reply is not None:
                 try:
-                    self._result = value_of(goal.result)
+                    self._result = value_of(goal.reply)
                 except MarginGuardError as error:
                     self._error = str(error)
         if is_done or feedback is not None:

@@ -2,7 +2,8 @@
 
 import json
 import logging
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FunctionType
@@ -10,6 +11,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from slicer import vtkMRMLScriptedModuleNode
 
+from app.bridge.calls import CallError, GoalEndedError
+from app.bridge.convert import type_name
 from app.geometry import MarginGuardError
 
 if TYPE_CHECKING:
@@ -237,10 +240,57 @@ class Ros2Error(MarginGuardError):
     """Invalid call: a name in use, a node outside the ROS graph, a value of another type."""
 
 
-class ClientMember(Member):
+def references(node: Any, role: str) -> list[Any]:
+    """The nodes in the scene that ``node`` refers to by ``role``."""
+    each = (node.GetNthNodeReference(role, n) for n in range(node.GetNumberOfNodeReferences(role)))
+    return [found for found in each if found is not None]
+
+
+class TypedMember(Member):
+    """Base of members of a kind of topic, service or action; `kind_class` derives their classes."""
+
+    KIND = ""
+    _type: Any = None
+
+    def GetROSType(self) -> str:
+        """Full name of the ROS type, such as ``std_srvs/srv/Trigger``."""
+        return type_name(self._type)
+
+
+class PendingCall:
+    """A request or a goal under way, in a thread that waits for its end.
+
+    ``call(cancel)`` returns the reply. ``ended()`` is called in the thread.
+    """
+
+    def __init__(
+        self, name: str, call: Callable[[threading.Event], Any], ended: Callable[[], None]
+    ) -> None:
+        self.reply: Any = None
+        self.error = ""
+        self.done, self.cancel = threading.Event(), threading.Event()
+        self._call, self._ended = call, ended
+        threading.Thread(target=self._run, name=name, daemon=True).start()
+
+    def _run(self) -> None:
+        try:
+            self.reply = self._call(self.cancel)
+        except CallError as error:
+            self.error = str(error)
+            self.reply = error.result if isinstance(error, GoalEndedError) else None
+        self.done.set()
+        self._ended()
+
+
+class ClientMember(TypedMember):
     """Base of clients of services and actions: the timeout of their requests."""
 
     _timeout_s = 0.0
+    _error = ""
+
+    def GetLastError(self) -> str:
+        """The reason why the last request or goal has not succeeded; empty if it has."""
+        return self._error
 
     def SetTimeoutSeconds(self, seconds: float) -> None:
         """Set the timeout of later requests or goals in s, including discovery of the server."""

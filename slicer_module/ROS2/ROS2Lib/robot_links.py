@@ -10,15 +10,16 @@ from sensor_msgs.msg import JointState
 from slicer import vtkMRMLLinearTransformNode, vtkMRMLModelDisplayNode, vtkMRMLModelNode
 from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
+from app.bridge.messages import ns_of
 from app.bridge.robot_description import RobotSettings
 from app.bridge.robots import MAX_JOINT_STATE_BYTES, JointFollower
 from app.bridge.topics import Topic
-from app.geometry import NS_PER_S, Transform
+from app.geometry import Transform
 from app.robot import Robot
 from app.scene import RobotModel, SceneError
 from app.scene.convert import vtk_matrix
 from app.scene.scene_nodes import NodeIntegrity
-from ROS2Lib.member import Owner, Ros2Error
+from ROS2Lib.member import Owner, Ros2Error, references
 from ROS2Lib.tf2_nodes import MISSING, vtkMRMLROS2Tf2LookupNode
 
 ROBOT_ATTRIBUTE = "ros2.robot"
@@ -211,8 +212,7 @@ class JointLinks(_Links):
         """Take one message. Runs in the node's thread."""
         if len(raw) <= MAX_JOINT_STATE_BYTES:
             message: JointState = deserialize_message(raw, JointState)
-            stamp = message.header.stamp
-            stamp_ns = stamp.sec * NS_PER_S + stamp.nanosec
+            stamp_ns = ns_of(message.header.stamp)
             self._follower.take(message.name, message.position, stamp_ns)
             self._owner.wake()
 
@@ -252,7 +252,7 @@ def create_goal(robot: Any, source: Any) -> bool:
         parent = transforms.get(node.GetTransformNodeID() or "")
         if parent is not None:
             transforms[node.GetID()].SetAndObserveTransformNodeID(parent.GetID())
-    for model in _references(source, "model"):
+    for model in references(source, "model"):
         _copy_model(robot, model, transforms[model.GetTransformNodeID()])
     return True
 
@@ -263,10 +263,10 @@ def remove_goal(robot: Any) -> bool:
     if scene is None:
         logging.error("RemoveGoalStateRobot: the robot must be in a scene")
         return False
-    for model in _references(robot, MODEL_ROLE):
+    for model in references(robot, MODEL_ROLE):
         scene.RemoveNode(model.GetDisplayNode())
         scene.RemoveNode(model)
-    for transform in _references(robot, TRANSFORM_ROLE):
+    for transform in references(robot, TRANSFORM_ROLE):
         scene.RemoveNode(transform)
     robot.RemoveNodeReferenceIDs(MODEL_ROLE)
     robot.RemoveNodeReferenceIDs(TRANSFORM_ROLE)
@@ -286,8 +286,3 @@ def _copy_model(robot: Any, model: Any, transform: Any) -> None:
     made.SetAndObserveDisplayNodeID(display.GetID())
     made.SetAndObserveTransformNodeID(transform.GetID())
     robot.AddNodeReferenceID(MODEL_ROLE, made.GetID())
-
-
-def _references(node: Any, role: str) -> list[Any]:
-    each = (node.GetNthNodeReference(role, n) for n in range(node.GetNumberOfNodeReferences(role)))
-    return [found for found in each if found is not None]

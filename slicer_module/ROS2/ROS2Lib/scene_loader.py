@@ -9,7 +9,7 @@ service server needs the handler of its script.
 import logging
 import weakref
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -24,7 +24,7 @@ from ROS2Lib.action_client import vtkMRMLROS2ActionClientNode
 from ROS2Lib.class_names import CLASSES, FAMILIES
 from ROS2Lib.host import RosHost
 from ROS2Lib.kinds import SERVICES, TOPICS, kind_class
-from ROS2Lib.member import Member, Ros2Error, SavedState
+from ROS2Lib.member import Member, Ros2Error, SavedState, references
 from ROS2Lib.node import vtkMRMLROS2NodeNode
 from ROS2Lib.robot_links import ROBOT_ATTRIBUTE
 
@@ -50,18 +50,11 @@ makes the nodes from the MRML base class, and `saved_elements` reads the attribu
 _MODEL = "_model"
 
 
-@dataclass(frozen=True, slots=True)
-class SavedElement:
-    """A node of SlicerROS2: its MRML ID and name in the file, state, and referred IDs by role."""
+def saved_elements(path: Path) -> list[tuple[str, str, SavedState]]:
+    """MRML ID, name and state of SlicerROS2's nodes in a .mrml file, in its order.
 
-    mrml_id: str
-    name: str
-    state: SavedState
-    references: dict[str, list[str]] = field(default_factory=dict)
-
-
-def saved_elements(path: Path) -> list[SavedElement]:
-    """SlicerROS2's nodes in a .mrml file, in its order; raises `Ros2Error` for invalid XML."""
+    Raises `Ros2Error` for invalid XML.
+    """
     elements: list[tuple[str, dict[str, str]]] = []
     walk_xml(
         read_xml(path, Ros2Error),
@@ -74,8 +67,7 @@ def saved_elements(path: Path) -> list[SavedElement]:
     for tag, attributes in elements:
         state = _state(tag, attributes, by_id)
         if state is not None:
-            identifier, name = attributes.get("id", ""), attributes.get("name", "")
-            found.append(SavedElement(identifier, name, state, _references(attributes)))
+            found.append((attributes.get("id", ""), attributes.get("name", ""), state))
     return found
 
 
@@ -152,12 +144,6 @@ class _Saved:
 
     node: Any
     state: SavedState
-
-    def references(self, role: str) -> list[Any]:
-        """The nodes in the scene that the node refers to by ``role``."""
-        count = self.node.GetNumberOfNodeReferences(role)
-        each = (self.node.GetNthNodeReference(role, index) for index in range(count))
-        return [found for found in each if found is not None]
 
 
 class SceneLoader:
@@ -268,16 +254,16 @@ def _of_slicer_ros2(scene: vtkMRMLScene) -> Iterator[_Saved]:
     if not path.is_file() or _MARK not in path.read_bytes():
         return
     loaded = [node for node in _nodes(scene) if not isinstance(node, Member | RosHost)]
-    for element in saved_elements(path):
+    for mrml_id, name, state in saved_elements(path):
         # The scene gives a node another ID if the one in the file is in use.
-        names = [node for node in loaded if node.GetName() == element.name]
-        found = next((node for node in names if node.GetID() == element.mrml_id), None)
+        names = [node for node in loaded if node.GetName() == name]
+        found = next((node for node in names if node.GetID() == mrml_id), None)
         node = found or next(iter(names), None)
         if node is None:
-            logging.error(f"{element.name}: the node was not loaded")
+            logging.error(f"{name}: the node was not loaded")
             continue
         loaded.remove(node)
-        yield _Saved(node, element.state)
+        yield _Saved(node, state)
 
 
 def _host(scene: vtkMRMLScene, state: SavedState) -> RosHost | None:
@@ -301,9 +287,9 @@ def _host(scene: vtkMRMLScene, state: SavedState) -> RosHost | None:
 
 def _prepare_robot(scene: vtkMRMLScene, saved: _Saved, name: str) -> None:
     """Mark the robot's lookups, and remove its models: it makes them from its description."""
-    for lookup in saved.references("lookup"):
+    for lookup in references(saved.node, "lookup"):
         lookup.SetAttribute(ROBOT_ATTRIBUTE, name)
-    for model in saved.references("model"):
+    for model in references(saved.node, "model"):
         for index in range(model.GetNumberOfDisplayNodes()):
             display = model.GetNthDisplayNode(index)
             if display is not None:

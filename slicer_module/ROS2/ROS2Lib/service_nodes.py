@@ -3,42 +3,25 @@
 import logging
 import threading
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from slicer import vtkMRMLScriptedModuleNode
 
-from app.bridge.calls import CallError, ServiceClient, ServiceServer
-from app.bridge.convert import type_name
+from app.bridge.calls import ServiceClient, ServiceServer
 from app.geometry import MarginGuardError
 from ROS2Lib.kinds import service_classes, service_kind
-from ROS2Lib.member import USER_EVENT, ClientMember, Member, Owner, Ros2Error
+from ROS2Lib.member import (
+    USER_EVENT,
+    ClientMember,
+    Owner,
+    PendingCall,
+    Ros2Error,
+    TypedMember,
+)
 from ROS2Lib.ros_message import message_of, value_of
 
 _TIMEOUT_S = 5.0
-
-
-class _Call:
-    """One pending request, in a thread that waits for the server and its response."""
-
-    def __init__(
-        self, client: ServiceClient, request: Any, timeout_s: float, ended: Callable[[], None]
-    ) -> None:
-        self.reply: Any = None
-        self.error = ""
-        self.done = threading.Event()
-        self.cancel = threading.Event()
-        self._work = (client, request, timeout_s)
-        self._ended = ended
-        threading.Thread(target=self._run, name=f"call of {client.name}", daemon=True).start()
-
-    def _run(self) -> None:
-        client, request, timeout_s = self._work
-        try:
-            self.reply = client.call(request, timeout_s, self.cancel)
-        except CallError as error:
-            self.error = str(error)
-        self.done.set()
-        self._ended()
 
 
 class vtkMRMLROS2ServiceClientNode(ClientMember, vtkMRMLScriptedModuleNode):
@@ -49,7 +32,6 @@ class vtkMRMLROS2ServiceClientNode(ClientMember, vtkMRMLScriptedModuleNode):
     """
 
     ROLE = "service client"
-    KIND = ""
     ResponseReceivedEvent = ServiceModifiedEvent = USER_EVENT + 54
 
     def __init__(self) -> None:
@@ -57,7 +39,7 @@ class vtkMRMLROS2ServiceClientNode(ClientMember, vtkMRMLScriptedModuleNode):
         self._request_class, self._response_class = service_classes(self.KIND)
         self._client: ServiceClient | None = None
         self._service = ""
-        self._call: _Call | None = None
+        self._call: PendingCall | None = None
         self._response: Any = None
         self._error = "no request was sent"
         self._calls = 0
@@ -67,10 +49,6 @@ class vtkMRMLROS2ServiceClientNode(ClientMember, vtkMRMLScriptedModuleNode):
     def GetService(self) -> str:
         """The service's name as given."""
         return self._service
-
-    def GetROSType(self) -> str:
-        """``std_srvs/srv/Trigger``."""
-        return type_name(self._type)
 
     def GetSlicerTypeIn(self) -> str:
         """Class name of the requests."""
@@ -103,7 +81,9 @@ class vtkMRMLROS2ServiceClientNode(ClientMember, vtkMRMLScriptedModuleNode):
             logging.error(f"{self.GetName()}: the service client {reason}; nothing was sent")
             return 0
         self._response, self._error = None, "the request is under way"
-        self._call = _Call(client, message, self._timeout_s, owner.wake)
+        self._call = PendingCall(
+            f"call of {client.name}", partial(client.call, message, self._timeout_s), owner.wake
+        )
         self._sent += 1
         return 1
 
@@ -114,10 +94,6 @@ class vtkMRMLROS2ServiceClientNode(ClientMember, vtkMRMLScriptedModuleNode):
     def GetLastResponseStatus(self) -> bool:
         """True if the last request was answered."""
         return self._response is not None
-
-    def GetLastError(self) -> str:
-        """The reason why the last request has no response (no server, timeout), or empty."""
-        return self._error
 
     def IsRequestInProgress(self) -> bool:
         """True while a request waits for its response or for the `Spin` that transfers it."""
@@ -184,7 +160,7 @@ class _PendingRequest:
         self.over = threading.Event()
 
 
-class vtkMRMLROS2ServiceServerNode(Member, vtkMRMLScriptedModuleNode):
+class vtkMRMLROS2ServiceServerNode(TypedMember, vtkMRMLScriptedModuleNode):
     """Calls ``handler(request, response)`` in `Spin`, where it may change the scene.
 
     Both have ``Get`` and ``Set`` for each field; the handler fills in the response. One request is
@@ -193,7 +169,6 @@ class vtkMRMLROS2ServiceServerNode(Member, vtkMRMLScriptedModuleNode):
     """
 
     ROLE = "service server"
-    KIND = ""
 
     def __init__(self) -> None:
         self._type = service_kind(self.KIND)
@@ -210,10 +185,6 @@ class vtkMRMLROS2ServiceServerNode(Member, vtkMRMLScriptedModuleNode):
     def GetService(self) -> str:
         """The service's name as given."""
         return self._service
-
-    def GetROSType(self) -> str:
-        """``std_srvs/srv/Trigger``."""
-        return type_name(self._type)
 
     def GetNumberOfRequests(self) -> int:
         """Number of answered requests."""

@@ -10,26 +10,26 @@ import yaml
 from slicer import vtkMRMLModelNode, vtkMRMLScriptedModuleNode, vtkMRMLVolumeNode
 from vtkmodules.vtkCommonCore import vtkVariant
 
-from app.bridge.convert import TopicPublisher, TopicQueue, qos_profile, type_name
+from app.bridge.convert import TopicPublisher, TopicQueue, qos_profile
 from app.geometry import MarginGuardError
 from ROS2Lib.collision_model import removal_of_model
 from ROS2Lib.kinds import Kind, kind_of
-from ROS2Lib.member import Member, Owner, Ros2Error, without_events
+from ROS2Lib.member import Owner, Ros2Error, TypedMember, without_events
 from ROS2Lib.vtk_values import set_output
 
 _RELIABILITY = {0: "reliable", 1: "reliable", 2: "best_effort"}
 _DURABILITY = {0: "volatile", 1: "transient_local", 2: "volatile"}
 
 
-class TopicNode(Member, vtkMRMLScriptedModuleNode):
-    """Base of publishers and subscribers; `kind_class` derives one class per kind."""
+class TopicNode(TypedMember, vtkMRMLScriptedModuleNode):
+    """Base of publishers and subscribers: topic and quality of service."""
 
-    KIND = ""
     ReliabilitySystemDefault, Reliable, BestEffort = range(3)
     DurabilitySystemDefault, TransientLocal, Volatile = range(3)
 
     def __init__(self) -> None:
         self.kind: Kind = kind_of(self.KIND)
+        self._type = self.kind.type
         self._topic = ""
         self._depth = 10
         self._reliability = self.Reliable
@@ -38,10 +38,6 @@ class TopicNode(Member, vtkMRMLScriptedModuleNode):
     def GetTopic(self) -> str:
         """The topic's name as given."""
         return self._topic
-
-    def GetROSType(self) -> str:
-        """``geometry_msgs/msg/Pose``."""
-        return type_name(self.kind.type)
 
     def GetBlankMessage(self) -> Any:
         """An empty value of the kind."""
