@@ -39,6 +39,8 @@ from app.bridge.node import RosNode
 from app.bridge.ros_errors import BridgeError, CallError, UnknownTypeError
 from app.bridge.topics import NEWEST, Topic
 from app.control import (
+    BASE,
+    RULE_FRAME,
     ControlDecision,
     ControlDescription,
     ControlReason,
@@ -48,16 +50,17 @@ from app.control import (
     PoseMeasurement,
     WrenchMeasurement,
     half_axis,
-    warm_up,
 )
-from app.fixture import PlainConstraint
-from app.geometry import NS_PER_MS, NS_PER_S, Stamp
+from app.fixture import MarginState, PlainConstraint
+from app.geometry import NS_PER_MS, NS_PER_S, Stamp, Transform
 
 PAUSE_PERIOD_NS = 100 * NS_PER_MS
 
 NODE_NAME = "marginguard_control"
 PERIOD_NS = 5 * NS_PER_MS
 MAX_SILENCE_NS = 100 * NS_PER_MS
+_WARM_UP_STEPS = 3
+_FAR_MM = 1e4
 """Without a constraint for as long there is no guard that an operator could re-arm for."""
 
 _REPORT_NS = NS_PER_S
@@ -145,7 +148,7 @@ class ControlNode:
         self, ros: RosNode, description: ControlDescription, *, clock_ns: Callable[[], int]
     ) -> None:
         self._description, self._clock_ns, self._ros = description, clock_ns, ros
-        warm_up(description)
+        _warm_up(description)
         self._controller = description.controller()
         self._joints = JointInput(ros, description.arm)
         self._wrench = WrenchInput(ros, description.hand_topic, in_tool=description.hand_in_tool)
@@ -306,3 +309,28 @@ def _text(decision: ControlDecision) -> str:
     is_rule = decision.reason in (ControlReason.RULE, ControlReason.WATCHDOG)
     shown = is_rule and decision.rule is not None
     return f"{decision.reason}: {decision.rule}" if shown else str(decision.reason)
+
+
+def _warm_up(description: ControlDescription) -> None:
+    """Take some steps of a controller of its own, whose decisions nothing uses.
+
+    The first step of a process takes most of a second, in which a constraint would expire.
+    """
+    controller = description.controller()
+    joints = description.tool.joints
+    identity = Transform.identity(RULE_FRAME, BASE)
+    for number in range(_WARM_UP_STEPS):
+        now_ns = (number + 1) * NS_PER_MS
+        planes = np.array([[0.0, 0.0, 1.0]])
+        constraint = PlainConstraint(
+            "warm-up", number, RULE_FRAME, now_ns, now_ns + NS_PER_MS, int(MarginState.NEGATIVE),
+            False, description.accept_simulated, True, planes, np.array([-_FAR_MM]),
+            np.zeros((1, 3)), np.zeros((1, 3)), _FAR_MM, 1.0, 1.0, 1.0, "warm-up",
+        )  # fmt: skip
+        controller.receive(constraint, now_ns)
+        controller.step(
+            JointMeasurement(now_ns, joints, (0.0,) * len(joints)),
+            WrenchMeasurement(now_ns, np.ones(3), np.zeros(3)),
+            PoseMeasurement(now_ns, identity),
+            now_ns,
+        )

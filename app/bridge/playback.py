@@ -9,10 +9,10 @@ from collections import deque
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 from threading import Event
-from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.publisher import Publisher
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
@@ -87,15 +87,15 @@ class SoleSource:
                     f"another playback runs on this graph: {self._announced}; expected one at most"
                 )
             others = self._others()
-            same_name = {each.gid for each in others if each.node_name == self._node_name}
+            same_name = {_gid(info) for _, info in others if info.node_name == self._node_name}
             if same_name - silent:
                 ends_s = max(ends_s, time.monotonic() + _REPLY_S)
                 silent |= same_name
             is_over = time.monotonic() >= ends_s
             self._refuse(
-                each
-                for each in others
-                if each.gid not in silent and (is_over or each.node_name != UNKNOWN_NODE)
+                (topic, info)
+                for topic, info in others
+                if _gid(info) not in silent and (is_over or info.node_name != UNKNOWN_NODE)
             )
             if is_over:
                 self._known |= silent
@@ -106,9 +106,9 @@ class SoleSource:
         """Accept this node's publishers: call it as soon as they are created, one per topic."""
         others = self._others()
         for name in self._names:
-            own = [e.gid for e in others if e.topic == name and e.node_name == self._node_name]
+            own = [i for topic, i in others if topic == name and i.node_name == self._node_name]
             if len(own) == 1:  # more: another playback has started at the same time
-                self._known.add(own[0])
+                self._known.add(_gid(own[0]))
         self.check()
 
     def sent(self, stamps_ns: Iterable[int]) -> None:
@@ -124,7 +124,7 @@ class SoleSource:
         others = self._others()
         ends_s = time.monotonic() + _REPLY_S
         # The name of a node arrives after its first endpoint; nothing is published meanwhile.
-        while time.monotonic() < ends_s and any(each.node_name == UNKNOWN_NODE for each in others):
+        while time.monotonic() < ends_s and any(i.node_name == UNKNOWN_NODE for _, i in others):
             time.sleep(_POLL_S)
             others = self._others() or others
         self._refuse(others)
@@ -133,22 +133,22 @@ class SoleSource:
     def _node_name(self) -> str:
         return str(self._ros.node.get_name())
 
-    def _others(self) -> "list[_Endpoint]":
-        """Publishers on the topics that are not known to be harmless."""
-        found = (
-            _Endpoint(name, info.node_namespace, info.node_name, bytes(info.endpoint_gid))
+    def _others(self) -> list[tuple[str, TopicEndpointInfo]]:
+        """Topics and their publishers that are not known to be harmless."""
+        return [
+            (name, info)
             for name in self._names
             for info in self._ros.node.get_publishers_info_by_topic(name)
-        )
-        return [endpoint for endpoint in found if endpoint.gid not in self._known]
+            if _gid(info) not in self._known
+        ]
 
-    def _refuse(self, others: "Iterable[_Endpoint]") -> None:
+    def _refuse(self, others: Iterable[tuple[str, TopicEndpointInfo]]) -> None:
         problem = self._tf_problem
-        for other in others:
-            node = f"node {other.namespace.rstrip('/')}/{other.node_name}"
-            if other.node_name == UNKNOWN_NODE:
+        for topic, info in others:
+            node = f"node {info.node_namespace.rstrip('/')}/{info.node_name}"
+            if info.node_name == UNKNOWN_NODE:
                 node = "another node"
-            problem = f"{other.topic}: {node} publishes on it too"
+            problem = f"{topic}: {node} publishes on it too"
         if problem:
             raise BridgeError(f"{problem}; {_EXPECTED}")
 
@@ -162,13 +162,8 @@ class SoleSource:
                 self._tf_problem = f"/tf: another node publishes poses of {pose.source!r}"
 
 
-class _Endpoint(NamedTuple):
-    """A publisher on the graph; ``gid`` is its identifier."""
-
-    topic: str
-    namespace: str
-    node_name: str
-    gid: bytes
+def _gid(info: TopicEndpointInfo) -> bytes:
+    return bytes(info.endpoint_gid)
 
 
 class PlaybackNode:

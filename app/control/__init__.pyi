@@ -36,7 +36,6 @@ from .plan_execution import (
     Outcome,
     PlanExecution,
 )
-from .warm_up import warm_up
 
 __all__ = [
     "BASE",
@@ -73,5 +72,4 @@ __all__ = [
     "parse_plan",
     "positions_of",
     "read_plan",
-    "warm_up",
 ]

@@ -21,7 +21,6 @@ from app.geometry import (
     ImageSample,
     ImageStatus,
     MarginGuardError,
-    Stamp,
 )
 from app.igtl.wire import (
     Header,
@@ -45,7 +44,6 @@ _LITTLE, _BIG = 2, 1
 _RAS, _LPS = 1, 2
 _TYPES = {2: "i1", 3: "u1", 4: "i2", 5: "u2"}
 _CODES = {np.dtype(name): code for code, name in _TYPES.items()}
-_LAST_SECOND = 2**31 - 1
 
 _CONNECT_TIMEOUT_S = 3.0
 _SILENCE_S = 5.0
@@ -123,12 +121,7 @@ def image_message(device: str, image: ImageSample, matrix: FloatArray) -> bytes:
 
 
 def _decoded(message: Message, number: int) -> ReceivedImage:
-    name = f"IMAGE {message.device!r}"
-    if not 0 < message.stamp_ns < _LAST_SECOND * NS_PER_S:
-        raise IgtlStampError(
-            f"{name} has the time {message.stamp_ns} ns; expected more than 0 and less than "
-            f"{_LAST_SECOND} s"
-        )
+    name, stamp = f"IMAGE {message.device!r}", message.stamp
     if len(message.content) < _HEAD.size:
         raise IgtlContentError(
             f"{name} has {len(message.content)} bytes; expected {_HEAD.size} or more"
@@ -158,7 +151,7 @@ def _decoded(message: Message, number: int) -> ReceivedImage:
     shape = (rows, columns, 3) if channels == 3 else (rows, columns)
     pixels = np.frombuffer(content, dtype).reshape(shape)
     pixels = pixels.astype(pixels.dtype.newbyteorder("="), copy=False)
-    image = ImageSample(number, Stamp(message.stamp_ns), ImageStatus.OK, pixels)
+    image = ImageSample(number, stamp, ImageStatus.OK, pixels)
     return ReceivedImage(message.device, image, _matrix(numbers, columns, rows, axes, name))
 
 

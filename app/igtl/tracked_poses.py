@@ -25,7 +25,6 @@ from typing import Self
 import numpy as np
 
 from app.geometry import (
-    NS_PER_S,
     FrameError,
     MarginGuardError,
     Stamp,
@@ -40,7 +39,6 @@ from app.igtl.wire import (
     IgtlContentError,
     IgtlError,
     IgtlLimitError,
-    IgtlStampError,
     Message,
     Refusals,
     pack_message,
@@ -50,7 +48,6 @@ TYPES = ("TRANSFORM", "TDATA")
 MAX_EDGES = 256
 """Limit on the number of different transforms, which bounds the memory."""
 
-_LAST_SECOND = 2**31 - 1  # of a ROS time
 _MATRIX = struct.Struct(">12f")
 _ELEMENT = struct.Struct(">20sBx12f")
 _FULL_POSES = (1, 2)
@@ -82,7 +79,7 @@ class PoseReader:
         """Samples of a message of one of `TYPES`, in its order."""
         samples = []
         try:
-            stamp = _stamp(message)
+            stamp = message.stamp
             for name, numbers, status in _poses(message):
                 try:
                     samples.append(self._sample(name, numbers, stamp, status))
@@ -107,15 +104,6 @@ class PoseReader:
         if status is None:
             self.without_status += 1
         return _tracked(frames, numbers, stamp, status or TrackingStatus.OK)
-
-
-def _stamp(message: Message) -> Stamp:
-    if not 0 < message.stamp_ns < _LAST_SECOND * NS_PER_S:
-        raise IgtlStampError(
-            f"{message.type} {message.device!r} has the time {message.stamp_ns} ns; "
-            f"expected more than 0 and less than {_LAST_SECOND} s"
-        )
-    return Stamp(message.stamp_ns)
 
 
 def _poses(

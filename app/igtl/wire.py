@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from pyigtl.messages import CRC64
 
-from app.geometry import NS_PER_S, MarginGuardError
+from app.geometry import NS_PER_S, MarginGuardError, Stamp
 
 HEADER_BYTES = 58
 MAX_BODY_BYTES = 1 << 16
@@ -36,6 +36,7 @@ _ENCODINGS = {3: "ascii", 106: "utf-8"}
 """Character sets of the protocol by their number (IANA MIBenum)."""
 
 _MAX_CHARS = 200
+_LAST_SECOND = 2**31 - 1  # of a ROS time
 
 
 class IgtlError(MarginGuardError):
@@ -83,6 +84,16 @@ class Message:
     stamp_ns: int
     content: bytes
     metadata: Mapping[str, str]
+
+    @property
+    def stamp(self) -> Stamp:
+        """The time of the message. Raises `IgtlStampError` for none that a ROS time can have."""
+        if not 0 < self.stamp_ns < _LAST_SECOND * NS_PER_S:
+            raise IgtlStampError(
+                f"{self.type} {self.device!r} has the time {self.stamp_ns} ns; "
+                f"expected more than 0 and less than {_LAST_SECOND} s"
+            )
+        return Stamp(self.stamp_ns)
 
 
 def read_header(header: bytes) -> Header:

@@ -14,8 +14,8 @@ from app.bridge.calls.service_client import (
     SENDING_ERRORS,
     Deadline,
     PendingReply,
-    ServerWait,
     is_served,
+    wait_for_server,
 )
 from app.bridge.convert.plain import action_type, from_plain
 from app.bridge.node import RosNode
@@ -101,7 +101,6 @@ class ActionClient:
         except Exception as error:  # rclpy has an unrelated type for each way to be invalid
             raise CallError(f"no client for an action {name!r}: {reason_of(error)}") from error
         self.name = str(ros.node.resolve_topic_name(name))
-        self._server = ServerWait(ros, lambda: self.is_available, f"action {self.name}")
         self._closed = False
         ros.on_close(self.close)
 
@@ -112,7 +111,7 @@ class ActionClient:
 
     def wait(self, timeout_s: float, cancel: threading.Event | None = None) -> None:
         """Wait for an action server; raises `ServerUnavailableError`."""
-        self._server.wait(Deadline(timeout_s, cancel))
+        self._wait(Deadline(timeout_s, cancel))
 
     def start(
         self,
@@ -136,7 +135,7 @@ class ActionClient:
                 f"expected {self.type.__name__}.Goal or a mapping"
             )
         deadline = Deadline(timeout_s, cancel)
-        self._server.wait(deadline)
+        self._wait(deadline)
 
         def on_feedback(message: Any) -> None:
             if feedback is not None:
@@ -218,6 +217,10 @@ class ActionClient:
         if not self._closed:
             self._closed = True
             self._client.destroy()
+
+    def _wait(self, deadline: Deadline) -> None:
+        what = f"action {self.name}"
+        wait_for_server(self._ros, lambda: self.is_available, what, deadline)
 
     def _cancel_if_accepted(self, future: Future) -> None:
         def cancel(future: Future) -> None:

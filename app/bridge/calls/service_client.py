@@ -77,33 +77,22 @@ def is_served(ros: RosNode, ready: Callable[[], bool]) -> bool:
         return False
 
 
-class ServerWait:
-    """Waits until a server is ``ready()``.
+def wait_for_server(ros: RosNode, ready: Callable[[], bool], what: str, deadline: Deadline) -> None:
+    """Wait until a server is ``ready()``; raises `ServerUnavailableError` at the deadline.
 
     No time is added for the server to discover this client: before it sends a reply, the server's
     middleware waits for the client's reader itself, in Fast DDS and Cyclone DDS up to 100 ms. In
     Zenoh a reply needs no discovery.
     """
-
-    def __init__(self, ros: RosNode, ready: Callable[[], bool], what: str) -> None:
-        self._ros = ros
-        self._ready = ready
-        self._what = what
-
-    def wait(self, deadline: Deadline) -> None:
-        """Wait for the server; raises `ServerUnavailableError` at the deadline."""
-        check_can_wait(self._ros, self._what)
-        pause = threading.Event()
-        pause_s = _FIRST_POLL_S
-        while not self._ready():
-            deadline.check(self._what)
-            check_can_wait(self._ros, self._what)
-            if deadline.remaining_s == 0.0:
-                raise ServerUnavailableError(
-                    f"{self._what}: no server found within {deadline.timeout_s:g} s"
-                )
-            pause.wait(min(pause_s, deadline.remaining_s))
-            pause_s = min(2.0 * pause_s, POLL_INTERVAL_S)
+    check_can_wait(ros, what)
+    pause_s = _FIRST_POLL_S
+    while not ready():
+        deadline.check(what)
+        check_can_wait(ros, what)
+        if deadline.remaining_s == 0.0:
+            raise ServerUnavailableError(f"{what}: no server found within {deadline.timeout_s:g} s")
+        time.sleep(min(pause_s, deadline.remaining_s))
+        pause_s = min(2.0 * pause_s, POLL_INTERVAL_S)
 
 
 class PendingReply:
@@ -198,7 +187,6 @@ class ServiceClient:
         except Exception as error:  # rclpy has an unrelated type for each way to be invalid
             raise CallError(f"no client for a service {name!r}: {reason_of(error)}") from error
         self.name = str(self._client.service_name)
-        self._server = ServerWait(ros, lambda: self.is_available, f"service {self.name}")
         self._closed = False
         self._lock = threading.Lock()
         self._open: set[Future] = set()
@@ -212,7 +200,7 @@ class ServiceClient:
 
     def wait(self, timeout_s: float, cancel: threading.Event | None = None) -> None:
         """Wait for a server; raises `ServerUnavailableError`."""
-        self._server.wait(Deadline(timeout_s, cancel))
+        self._wait(Deadline(timeout_s, cancel))
 
     def call(
         self,
@@ -230,7 +218,7 @@ class ServiceClient:
         `ServerUnavailableError`, `ServerGoneError`, `CallTimeoutError`, `CallCancelledError`.
         """
         deadline = Deadline(timeout_s, cancel)
-        self._server.wait(deadline)
+        self._wait(deadline)
         while True:
             pending = self.start(request)
             try:
@@ -283,6 +271,10 @@ class ServiceClient:
             if self._ros.is_open and not self._closed:
                 self._ros.node.destroy_client(self._client)
             self._closed = True
+
+    def _wait(self, deadline: Deadline) -> None:
+        what = f"service {self.name}"
+        wait_for_server(self._ros, lambda: self.is_available, what, deadline)
 
     def _on_reply(self, future: Future) -> None:
         with self._lock:

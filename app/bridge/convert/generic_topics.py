@@ -10,7 +10,7 @@ from rclpy.serialization import deserialize_message
 
 from app.bridge.convert.plain import Plain, from_plain, message_type, to_plain
 from app.bridge.node import RosNode
-from app.bridge.ros_errors import ConversionError
+from app.bridge.ros_errors import ConversionError, reason_of
 from app.bridge.topics import STREAM, Topic
 
 Endpoint = TypeVar("Endpoint")
@@ -119,7 +119,7 @@ def read_message(raw: bytes, topic: Topic) -> Any:
     except Exception as error:  # rclpy raises several unrelated types for invalid bytes
         raise ConversionError(
             f"{topic.name}: {len(raw)} bytes are not a valid {topic.type.__name__}: "
-            f"{' '.join(str(error).split())}"
+            f"{reason_of(error)}"
         ) from error
 
 
@@ -128,9 +128,7 @@ def create_endpoint(create: Callable[[], Endpoint], name: str) -> Endpoint:
     try:
         return create()
     except Exception as error:  # rclpy raises an unrelated type for each problem
-        raise ConversionError(
-            f"topic {name!r} cannot be used: {' '.join(str(error).split())}"
-        ) from error
+        raise ConversionError(f"topic {name!r} cannot be used: {reason_of(error)}") from error
 
 
 class TopicQueue:

@@ -9,7 +9,7 @@ from std_msgs.msg import String
 
 from app.bridge import topics
 from app.bridge.live.outputs import IMAGE_TOPIC, LiveOutputs
-from app.bridge.live.sender_watch import SenderWatch, WatchedInputs, WatchedSession
+from app.bridge.live.sender_watch import SenderWatch
 from app.bridge.live.sources import IgtlActivation, activation_input, listen_to_joints, source_of
 from app.bridge.message_definitions import UNKNOWN_NODE
 from app.bridge.node import RosNode
@@ -134,12 +134,10 @@ class LiveInputs:
         )
         self.senders = SenderWatch(
             self._ros,
-            WatchedInputs(
-                pose_topic,
-                self._joint_topic,
-                frozenset() if robot is None else robot.joint_names,
-                named_edges(prepared.config.source),
-            ),
+            pose_topic,
+            self._joint_topic,
+            frozenset() if robot is None else robot.joint_names,
+            named_edges(prepared.config.source),
             constraint=publisher.constraint_publisher,
             own=publisher.publishers,
             restore_static=publisher.publish_static,
@@ -162,12 +160,12 @@ class LiveInputs:
         """
         config, live, commands = self._prepared.config, run.live, run.commands
         is_tf = isinstance(config.source, TfSourceEntry)
-        watched = WatchedSession(
-            edges=lambda: live.edges,
-            static_edges=lambda: commands.content.tf_static_edges,
-            fresh_ns=lambda: commands.content.margins.stale_after_ns,
+        self.senders.start(
+            lambda: live.edges,
+            lambda: commands.content.tf_static_edges,
+            lambda: commands.content.margins.stale_after_ns,
+            moving=not is_tf,
         )
-        self.senders.start(watched, moving=not is_tf)
         deliver: Deliver = live.add
         if outputs.images is not None:
             deliver = _noted(live.add, outputs.displays.note, self.playback.refuses)

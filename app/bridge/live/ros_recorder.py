@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 
 from marginguard_msgs.msg import FixtureConstraint
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
@@ -142,7 +142,8 @@ class RosRecorder:
             if policies in recorded.qos_policies:
                 continue
             recorded.qos_policies.add(policies)
-            topic = Topic(recorded.name, recorded.message_class, _matching_qos(*policies))
+            qos = QoSProfile(depth=_DEPTH, reliability=policies[0], durability=policies[1])
+            topic = Topic(recorded.name, recorded.message_class, qos)
             self._ros.subscribe_with_origin(topic, recorded.take)
 
     def add_own(self, topic: BagTopic) -> None:
@@ -273,12 +274,3 @@ def _message_class(kind: str) -> type:
     except (ImportError, AttributeError) as error:
         raise BridgeError(f"message type {kind} cannot be imported: {error}") from error
     return found
-
-
-def _matching_qos(reliability: ReliabilityPolicy, durability: DurabilityPolicy) -> QoSProfile:
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=_DEPTH,
-        reliability=reliability,
-        durability=durability,
-    )

@@ -3,7 +3,7 @@
 import struct
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 from typing import NamedTuple
@@ -143,38 +143,15 @@ def _contradicts(found: _Foreign, own: Transform | None) -> bool:
     return not repeats
 
 
-@dataclass(frozen=True, slots=True)
-class WatchedInputs:
-    """Where a session receives its samples.
-
-    ``pose_topic``: where its poses arrive, None for a source that is not on the graph.
-    ``joint_topic``: the robot's, None without; ``joint_names``: those that move its tool.
-    ``edges``: those that the configuration names.
-    """
-
-    pose_topic: str | None
-    joint_topic: str | None
-    joint_names: frozenset[str]
-    edges: Collection[tuple[str, str]] = ()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class WatchedSession:
-    """The present measured edges and static transforms of a session, read without waiting for a
-    step, and the time in ns for which a sample is in use.
-    """
-
-    edges: Callable[[], Collection[tuple[str, str]]]
-    static_edges: Callable[[], Sequence[Transform]]
-    fresh_ns: Callable[[], int]
-
-
 class SenderWatch:
     """Finds frames, joints, static transforms and constraints that other nodes send as well.
 
     Call `start` when the session exists, and before its first sample. From then on `accepts_pose`
     and `accepts_joints` process each received sample in the node's thread, `take_tf` the messages
     of tf. `outside` returns the faults for the session's next step.
+    ``pose_topic``: where the session's poses arrive, None for a source that is not on the graph.
+    ``joint_topic``: the robot's, None without; ``joint_names``: those that move its tool.
+    ``edges``: those that the configuration names.
     ``constraint`` is the session's publisher; every other publisher on its topic is a fault.
     ``own`` are all publishers of this node; ``restore_static()`` publishes the session's static
     transforms again. ``new_sender()`` is called in the node's thread before the first sample of
@@ -189,7 +166,10 @@ class SenderWatch:
     def __init__(
         self,
         ros: RosNode,
-        inputs: WatchedInputs,
+        pose_topic: str | None,
+        joint_topic: str | None,
+        joint_names: frozenset[str],
+        edges: Collection[tuple[str, str]] = (),
         *,
         constraint: Publisher,
         own: Sequence[Publisher],
@@ -197,23 +177,22 @@ class SenderWatch:
         new_sender: Callable[[], None],
     ) -> None:
         self._ros = ros
-        self._session: WatchedSession  # from `start` on
         self._restore_static = restore_static
         self._new_sender = new_sender
         senders = [sender_of(publisher) for publisher in own]
         self._tf = SenderNames(ros, topics.TF.name, senders)
         self._tf_static = SenderNames(ros, topics.TF_STATIC.name, senders)
         self._poses = self._tf
-        if inputs.pose_topic not in (None, topics.TF.name):
-            self._poses = SenderNames(ros, str(inputs.pose_topic), senders)
-        self._joints = SenderNames(ros, inputs.joint_topic or "", senders)
-        self._joint_names = inputs.joint_names
+        if pose_topic not in (None, topics.TF.name):
+            self._poses = SenderNames(ros, str(pose_topic), senders)
+        self._joints = SenderNames(ros, joint_topic or "", senders)
+        self._joint_names = joint_names
         self._constraint = constraint
         self._own_constraint = sender_of(constraint)
         self._names = list(dict.fromkeys([self._tf, self._tf_static, self._poses]))
-        if inputs.joint_topic is not None:
+        if joint_topic is not None:
             self._names.append(self._joints)
-        self._frames = FrameSenders(inputs.edges)
+        self._frames = FrameSenders(edges)
         self._published = FrameSenders()
         self._static = StaticWatch(self._tf, self._tf_static)
         self._joint_trail, self._joint_sequences = SenderTrail(), SequenceTrail()
@@ -223,9 +202,20 @@ class SenderWatch:
         self._refused = self._other_fixtures = 0
         self._timer: Timer | None = None
 
-    def start(self, session: WatchedSession, *, moving: bool) -> None:
-        """Read the graph for ``session``, and ``/tf_static``; with ``moving`` also ``/tf``."""
-        self._session = session
+    def start(
+        self,
+        edges: Callable[[], Collection[tuple[str, str]]],
+        static_edges: Callable[[], Sequence[Transform]],
+        fresh_ns: Callable[[], int],
+        *,
+        moving: bool,
+    ) -> None:
+        """Read the graph for a session, and ``/tf_static``; with ``moving`` also ``/tf``.
+
+        ``edges`` and ``static_edges`` return the session's present measured edges and static
+        transforms without waiting for a step, ``fresh_ns`` the time for which a sample is in use.
+        """
+        self._edges, self._static_edges, self._fresh_ns = edges, static_edges, fresh_ns
         self._timer = self._ros.every(CHECK_S, self._check)
         static = replace(topics.TF_STATIC, qos=STATIC_TF)
         CountedSubscription(self._ros, static, TF_MESSAGE, partial(self.take_tf, latched=True))
@@ -247,7 +237,7 @@ class SenderWatch:
         if not is_accepted:
             self._refused += 1
         conflicts = not self._texts and self._frames.has_conflict(pose.source)
-        if conflicts and any(pose.source == child for _, child in self._session.edges()):
+        if conflicts and any(pose.source == child for _, child in self._edges()):
             self._check()
         return is_accepted
 
@@ -262,7 +252,7 @@ class SenderWatch:
                 self._joint_sequences.observe(origin.sequence, sample, now_ns)
             is_accepted = True
         else:
-            fresh_ns = self._session.fresh_ns()
+            fresh_ns = self._fresh_ns()
             is_accepted = self._joint_trail.observe(origin.sender, sample, now_ns, fresh_ns)
         if not is_accepted:
             self._refused += 1
@@ -312,7 +302,7 @@ class SenderWatch:
         sample = Sample(pose.ns, _CONTENT.pack(*pose.translation_m, *pose.quaternion, pose.status))
         now_ns = time.monotonic_ns()
         if origin.sender is not None:
-            fresh_ns = self._session.fresh_ns()
+            fresh_ns = self._fresh_ns()
             is_accepted = frames.observe(pose.edge, origin.sender, sample, now_ns, fresh_ns)
         else:
             is_accepted = True
@@ -321,14 +311,14 @@ class SenderWatch:
         return is_accepted
 
     def _own_static(self) -> dict[str, Transform]:
-        return {edge.source: edge for edge in self._session.static_edges()}
+        return {edge.source: edge for edge in self._static_edges()}
 
     def _check(self) -> None:
         """Read the graph and update the texts of the faults."""
         for names in self._names:
             names.refresh()
         now_ns = time.monotonic_ns()
-        edges, own = self._session.edges(), self._own_static()
+        edges, own = self._edges(), self._own_static()
         conflicts = self._frames.conflicts(edges, (), now_ns, self._poses.is_present)
         found = [_text(conflict, self._poses) for conflict in conflicts]
         joints = self._joint_trail.check(now_ns, self._joints.is_present)

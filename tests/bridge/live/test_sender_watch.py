@@ -13,7 +13,7 @@ from tf2_msgs.msg import TFMessage
 
 from app.bridge import topics
 from app.bridge.live.inputs import PlaybackWatch
-from app.bridge.live.sender_watch import SenderWatch, WatchedInputs, WatchedSession
+from app.bridge.live.sender_watch import SenderWatch
 from app.bridge.message_origin import Origin
 from app.bridge.node import RosNode
 from app.bridge.tf_topics import tf_message
@@ -40,19 +40,18 @@ class Watched:
         constraint, static = ros.publisher(topics.CONSTRAINT), ros.publisher(topics.TF_STATIC)
         self.senders = SenderWatch(
             ros,
-            WatchedInputs("/tf", "/joint_states", joint_names=frozenset({"waist"})),
+            "/tf",
+            "/joint_states",
+            frozenset({"waist"}),
             constraint=constraint,
             own=[constraint, static],
             restore_static=self.restored.set,
             new_sender=lambda: None,
         )
         static.publish(tf_message([(BASE, Stamp(0))]))
-        session = WatchedSession(
-            edges=lambda: EDGES,
-            static_edges=lambda: self.static_edges,
-            fresh_ns=lambda: 75 * NS_PER_MS,
+        self.senders.start(
+            lambda: EDGES, lambda: self.static_edges, lambda: 75 * NS_PER_MS, moving=True
         )
-        self.senders.start(session, moving=True)
 
     @property
     def problem(self):
