@@ -10,7 +10,7 @@ from .image_messages import (
 )
 from .source import IgtlSource, SampleQueue
 from .tracked_poses import PoseServer
-from .wire import Header, IgtlError, Unread, pack_string, read_string
+from .wire import Header, IgtlError, Unread, read_string
 
 __all__ = [
     "MAX_IMAGE_BODY_BYTES",
@@ -24,7 +24,6 @@ __all__ = [
     "SampleQueue",
     "Unread",
     "image_message",
-    "pack_string",
     "read_image",
     "read_string",
     "receive_images",

@@ -219,12 +219,6 @@ def read_string(header: Header, body: bytes) -> tuple[str, str]:
         raise IgtlContentError(f"STRING of {len(body)} bytes: {error}") from error
 
 
-def pack_string(text: str) -> bytes:
-    """The content of a STRING message in UTF-8."""
-    data = text.encode()
-    return _STRING_HEAD.pack(106, len(data)) + data
-
-
 class Refusals:
     """Counts refused messages by type of error and keeps the latest error message."""
 

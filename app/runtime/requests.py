@@ -4,9 +4,14 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import NamedTuple
 
 from app.case import DISPLAY_ITEMS, ItemKind
 from app.geometry import NS_PER_S, MarginGuardError
+
+
+class TooManyRequestsError(MarginGuardError):
+    """A kind of request is sent faster than it is processed."""
 
 
 class RateLimit:
@@ -16,7 +21,7 @@ class RateLimit:
     """
 
     def __init__(self, per_s: float, burst: float) -> None:
-        self._per_ns = per_s / NS_PER_S
+        self._per_s = per_s
         self._burst = burst
         self._left = burst
         self._last_ns: int | None = None
@@ -28,6 +33,14 @@ class RateLimit:
         self._left -= cost
         return True
 
+    def admit(self, kind: str, now_ns: int) -> None:
+        """Use a unit for a request of ``kind``. Raises `TooManyRequestsError` if none is left."""
+        if not self.take(now_ns):
+            raise TooManyRequestsError(
+                f"{kind}: too many requests; expected at most {self._burst:g} at once and "
+                f"{self._per_s:g} per second"
+            )
+
     def has(self, now_ns: int, cost: float = 1.0) -> bool:
         """True if `take` would return True."""
         self._refill(now_ns)
@@ -35,7 +48,7 @@ class RateLimit:
 
     def _refill(self, now_ns: int) -> None:
         if self._last_ns is not None:
-            gained = max(now_ns - self._last_ns, 0) * self._per_ns
+            gained = max(now_ns - self._last_ns, 0) * (self._per_s / NS_PER_S)
             self._left = min(self._left + gained, self._burst)
         self._last_ns = now_ns
 
@@ -67,10 +80,6 @@ KINDS = (*RequestKind, *(each.command for each in DISPLAY_ITEMS))
 """The kinds of all requests."""
 
 
-class TooManyRequestsError(MarginGuardError):
-    """A kind of request is sent faster than it is processed."""
-
-
 @dataclass(frozen=True, slots=True)
 class OperatorRequest:
     """A request and its outcome. ``origin`` is the interface on which it arrived, not a person.
@@ -97,8 +106,7 @@ class OperatorRequest:
 Listener = Callable[[OperatorRequest], None]
 
 
-@dataclass(frozen=True, slots=True)
-class Allowed:
+class Allowed(NamedTuple):
     """A rate: ``burst`` requests at once, ``per_s`` a second in the long run."""
 
     per_s: float
@@ -140,8 +148,8 @@ class RequestLog:
         self._clock_ns = clock_ns
         self._steady_ns = steady_ns
         self._lock = threading.Lock()
-        self._admitted = {kind: _limit(allowed) for kind, allowed in ADMITTED.items()}
-        self._listed = {kind: _limit(LISTED) for kind in KINDS}
+        self._admitted = {kind: RateLimit(*allowed) for kind, allowed in ADMITTED.items()}
+        self._listed = {kind: RateLimit(*LISTED) for kind in KINDS}
         self._not_listed = dict.fromkeys(KINDS, 0)
         self._listeners: list[Listener] = []
         self._last: OperatorRequest | None = None
@@ -158,16 +166,9 @@ class RequestLog:
     def admit(self, kind: str) -> None:
         """Count a request of another process. Raises `TooManyRequestsError` above the limit."""
         limit = self._admitted.get(kind)
-        if limit is None:
-            return
-        with self._lock:
-            admitted = limit.take(self._steady_ns())
-        if not admitted:
-            allowed = ADMITTED[kind]
-            raise TooManyRequestsError(
-                f"{kind}: too many requests; expected at most {allowed.burst:g} at once and "
-                f"{allowed.per_s:g} per second"
-            )
+        if limit is not None:
+            with self._lock:
+                limit.admit(kind, self._steady_ns())
 
     def accepted(self, kind: str, origin: str, text: str) -> None:
         """List an accepted request."""
@@ -196,7 +197,3 @@ class RequestLog:
             listeners = tuple(self._listeners)
         for listener in listeners:
             listener(request)
-
-
-def _limit(allowed: Allowed) -> RateLimit:
-    return RateLimit(allowed.per_s, allowed.burst)

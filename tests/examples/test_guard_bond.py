@@ -13,7 +13,7 @@ from lifecycle_msgs.msg import Transition  # noqa: E402
 from lifecycle_msgs.srv import ChangeState  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
-from app.bridge.control import LifecycleRosNode  # noqa: E402
+from app.bridge.control.lifecycle import LifecycleRosNode  # noqa: E402
 from tests.bridge.live.conftest import live_yaml as live_yaml  # noqa: E402
 from tests.bridge.live.conftest import start as start  # noqa: E402
 from tests.bridge.live.restarts import TRACKED, live  # noqa: E402

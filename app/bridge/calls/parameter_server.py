@@ -63,12 +63,6 @@ _SCALARS = (
     (float, ParameterType.PARAMETER_DOUBLE),
     (str, ParameterType.PARAMETER_STRING),
 )
-_ARRAY_OF = {
-    ParameterType.PARAMETER_BOOL: ParameterType.PARAMETER_BOOL_ARRAY,
-    ParameterType.PARAMETER_INTEGER: ParameterType.PARAMETER_INTEGER_ARRAY,
-    ParameterType.PARAMETER_DOUBLE: ParameterType.PARAMETER_DOUBLE_ARRAY,
-    ParameterType.PARAMETER_STRING: ParameterType.PARAMETER_STRING_ARRAY,
-}
 _ARRAYS = {
     "b": ParameterType.PARAMETER_BOOL_ARRAY,
     "i": ParameterType.PARAMETER_INTEGER_ARRAY,
@@ -76,6 +70,9 @@ _ARRAYS = {
     "f": ParameterType.PARAMETER_DOUBLE_ARRAY,
     "U": ParameterType.PARAMETER_STRING_ARRAY,
 }
+"""By the kind of a numpy type."""
+
+_KINDS = {name: kind for kind, name in TYPE_NAMES.items()}
 _INT64 = 2**63
 
 
@@ -139,7 +136,7 @@ def _sequence(values: object) -> ParameterValue:
         raise ConversionError(
             f"parameter value {values!r:.80} mixes types; expected elements of one type"
         )
-    kind = _ARRAY_OF[kind]
+    kind = _KINDS[f"{TYPE_NAMES[kind]}[]"]
     return ParameterValue(type=kind, **{_FIELDS[kind]: list(values)})
 
 

@@ -160,11 +160,7 @@ class DisplayOutput(PassiveOutput):
 
     def _check_mesh(self, request: GetMesh.Request) -> None:
         """Refuse a flood: each surface takes milliseconds of the interpreter's time."""
-        if not self._meshes_limit.take(time.monotonic_ns()):
-            raise BridgeError(
-                f"mesh: too many requests; expected at most {_MESHES_AT_ONCE:g} at once and "
-                f"{_MESHES_PER_S:g} per second"
-            )
+        self._meshes_limit.admit("mesh", time.monotonic_ns())
 
     def _get_mesh(self, request: GetMesh.Request, response: GetMesh.Response) -> None:
         mesh = self._wire.meshes.get(request.digest)

@@ -6,9 +6,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from pathlib import Path
 
-from app.bridge.control import MarginParameterServer, OperatorServices
-from app.bridge.control.operator_requests import OVER_ROS, OperatorList, OperatorRequests
-from app.bridge.control.operator_services import RearmService
+from app.bridge.control.operator_requests import (
+    OVER_ROS,
+    MarginParameterServer,
+    OperatorList,
+    OperatorRequests,
+)
+from app.bridge.control.operator_services import OperatorServices, RearmService
 from app.bridge.displays.display_output import CommandService
 from app.bridge.environment import check_security
 from app.bridge.live.inputs import Counts, LiveInputs, named_edges

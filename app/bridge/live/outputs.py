@@ -15,7 +15,7 @@ import numpy as np
 from geometry_msgs.msg import WrenchStamped
 
 from app.bridge import messages, topics
-from app.bridge.control import TwistLimiter
+from app.bridge.control.allowed_twist import TwistLimiter
 from app.bridge.displays.display_output import DisplayOutput
 from app.bridge.heartbeat import steady_ns
 from app.bridge.node import RosNode

@@ -104,8 +104,8 @@ def run(options: argparse.Namespace) -> int:
 
 def _run_managed(options: argparse.Namespace, received: SignalState, shown: "_StepOutput") -> None:
     """Run as a lifecycle node until a signal comes or its session fails."""
-    from app.bridge.control import LifecycleRosNode
-    from app.bridge.live import LiveNodeLifecycle
+    from app.bridge.control.lifecycle import LifecycleRosNode
+    from app.bridge.live.live_node import LiveNodeLifecycle
     from app.bridge.publishing.session_publisher import NODE_NAME
 
     ended = threading.Event()
@@ -136,7 +136,7 @@ def _opened(
     ros: "RosNode | None" = None,
 ) -> Iterator["LiveRun"]:
     with received.ends_at_once():
-        from app.bridge.live import live_node
+        from app.bridge.live.live_node import live_node
         from app.runtime import prepare_live
 
         prepared = prepare_live(

@@ -226,8 +226,8 @@ def _record(
     lines: _Lines,
 ) -> None:
     from app.bridge import BridgeError
-    from app.bridge.live import RosRecorder, SessionWatch
     from app.bridge.live.non_ros_recorder import DepthRecorder, IgtlRecorder
+    from app.bridge.live.ros_recorder import RosRecorder, SessionWatch
     from app.case import RECORDING_FOLDER
     from app.case.bag_writer import PeriodicFlush
     from app.case.live_file import IgtlSourceEntry

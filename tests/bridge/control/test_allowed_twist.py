@@ -15,7 +15,8 @@ from geometry_msgs.msg import TwistStamped
 from rclpy.serialization import deserialize_message
 
 from app.bridge import topics
-from app.bridge.control import TwistLimiter, allowed_twist
+from app.bridge.control import allowed_twist
+from app.bridge.control.allowed_twist import TwistLimiter
 from app.bridge.heartbeat import steady_ns
 from app.bridge.tf import TransformBuffer
 from app.fixture import FreeMotion, LimiterParameters, MarginState, Reason

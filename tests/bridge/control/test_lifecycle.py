@@ -6,7 +6,7 @@ from functools import partial
 import pytest
 from std_srvs.srv import Trigger
 
-from app.bridge.control import LifecycleRosNode
+from app.bridge.control.lifecycle import LifecycleRosNode
 from app.bridge.publishing.constraint_stream import ConstraintStream
 from app.bridge.ros_errors import BridgeError
 from app.bridge.topics import CONSTRAINT

@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.bridge.control import MarginParameterServer
-from app.bridge.control.operator_requests import margins_of
+from app.bridge.control.operator_requests import MarginParameterServer, margins_of
 from app.bridge.node import RosNode
 from app.bridge.ros_errors import CallError
 from app.fixture import MarginParameterError, MarginParameters

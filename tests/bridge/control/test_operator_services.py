@@ -8,8 +8,8 @@ from dataclasses import replace
 import pytest
 from marginguard_msgs.srv import SetStructure
 
-from app.bridge.control import OperatorServices
 from app.bridge.control.operator_requests import OperatorList, OperatorRequests
+from app.bridge.control.operator_services import OperatorServices
 from app.case import open_case
 from app.geometry import SurfaceMesh
 from app.runtime import OperatorCommands, PassiveOutput, StepHolds, content_of

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from app.bridge import RosNode
-from app.bridge.live import listen_to_joints
+from app.bridge.live.sources import listen_to_joints
 from app.bridge.robot_description import DescriptionListener, DescriptionSource, RobotSettings
 from app.bridge.ros_errors import TfError
 from app.bridge.tf import TransformBuffer

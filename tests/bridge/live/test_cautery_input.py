@@ -1,13 +1,13 @@
 """The state of the cautery from a ROS topic and from OpenIGTLink STRING messages."""
 
+import pyigtl
 import pytest
 from std_msgs.msg import Bool
 
 from app.bridge.live.sources import IgtlActivation, TopicActivation
 from app.bridge.topics import STREAM, Topic
 from app.case import Activation, ActivationTrail
-from app.igtl import pack_string
-from app.igtl.wire import HEADER_BYTES, Header, pack_message, read_header
+from app.igtl.wire import HEADER_BYTES, Header, read_header
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
@@ -44,7 +44,7 @@ def test_two_publishers_make_the_state_unknown(ros, other):
 
 
 def packet(text: str, device: str = "Cautery") -> tuple[Header, bytes]:
-    content = pack_message("STRING", device, 0, pack_string(text))
+    content = pyigtl.StringMessage(text, device_name=device).pack()
     return read_header(content[:HEADER_BYTES]), content[HEADER_BYTES:]
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from app.bridge.heartbeat import steady_ns
-from app.bridge.live import LiveNodeLifecycle
+from app.bridge.live.live_node import LiveNodeLifecycle
 from app.bridge.live.outputs import TwistOutput
 from app.runtime import LiveRun, PassiveOutput, StepTiming
 from tests.doubles import PARAMETERS

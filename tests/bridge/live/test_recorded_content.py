@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from app.bridge.live import live_node
+from app.bridge.live.live_node import live_node
 from app.case import open_case
 from app.fixture import ProximityEngine
 from app.geometry import SurfaceMesh, Transform

@@ -4,7 +4,7 @@ import pytest
 from marginguard_msgs.msg import FixtureConstraint
 from rclpy.serialization import serialize_message
 
-from app.bridge.live import SessionWatch
+from app.bridge.live.ros_recorder import SessionWatch
 
 pytestmark = pytest.mark.slow
 

@@ -14,7 +14,7 @@ from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from app.bridge import topics
-from app.bridge.live import TfSource, TrackedTransformSource, listen_to_joints
+from app.bridge.live.sources import TfSource, TrackedTransformSource, listen_to_joints
 from app.bridge.tf import TransformBuffer
 from app.bridge.tf_topics import TfListener
 from app.bridge.topics import STREAM, Topic
