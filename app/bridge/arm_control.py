@@ -59,9 +59,10 @@ PAUSE_PERIOD_NS = 100 * NS_PER_MS
 NODE_NAME = "marginguard_control"
 PERIOD_NS = 5 * NS_PER_MS
 MAX_SILENCE_NS = 100 * NS_PER_MS
+"""Without a constraint for as long there is no guard that an operator could re-arm for."""
+
 _WARM_UP_STEPS = 3
 _FAR_MM = 1e4
-"""Without a constraint for as long there is no guard that an operator could re-arm for."""
 
 _REPORT_NS = NS_PER_S
 _MIN_REPORT_NS = 100 * NS_PER_MS

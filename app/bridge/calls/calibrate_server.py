@@ -31,13 +31,6 @@ _MAX_SAMPLES = 10_000
 _MAX_TIMEOUT_S = 3600.0
 
 
-class _Calibration(NamedTuple):
-    transform: Transform
-    residual: float
-    accepted: bool
-    reason: str
-
-
 @dataclass(slots=True)
 class _Collection:
     """Collected poses without those that do not differ enough from the last one kept.
@@ -58,6 +51,15 @@ class _Collection:
     @property
     def poses(self) -> list[Transform]:
         return [each.transform for each in self.samples if each.transform is not None]
+
+    def result(self, found: Transform, residual: float, fault: str = "") -> Calibrate.Result:
+        return Calibrate.Result(
+            success=not fault,
+            message=fault,
+            transform=messages.transform_message(found, Stamp(self.samples[-1].stamp.ns)),
+            residual=residual,
+            samples=len(self.samples),
+        )
 
 
 class CalibrateServer:
@@ -84,17 +86,8 @@ class CalibrateServer:
                 f"no pose of {goal.frame!r} in {goal.parent_frame!r} received within "
                 f"{goal.timeout:g} s"
             )
-        calibration = _METHODS[goal.method].estimate(goal, collected, self._buffer)
-        result = Calibrate.Result(
-            success=calibration.accepted,
-            message="" if calibration.accepted else calibration.reason,
-            transform=messages.transform_message(
-                calibration.transform, Stamp(collected.samples[-1].stamp.ns)
-            ),
-            residual=calibration.residual,
-            samples=count,
-        )
-        return result, GoalOutcome.SUCCEEDED if calibration.accepted else GoalOutcome.ABORTED
+        result = _METHODS[goal.method].estimate(goal, collected, self._buffer)
+        return result, GoalOutcome.SUCCEEDED if result.success else GoalOutcome.ABORTED
 
     def _collect(self, served: ServedGoal, goal: Calibrate.Goal) -> _Collection:
         collected = _Collection(_METHODS[goal.method].differs)
@@ -136,7 +129,7 @@ class _Method(NamedTuple):
 
     hint: str
     differs: Callable[[Transform, Transform], bool]
-    estimate: Callable[[Calibrate.Goal, _Collection, TransformBuffer], _Calibration]
+    estimate: Callable[[Calibrate.Goal, _Collection, TransformBuffer], Calibrate.Result]
 
 
 def _rotated(last: Transform, pose: Transform) -> bool:
@@ -146,19 +139,18 @@ def _rotated(last: Transform, pose: Transform) -> bool:
 
 def _calibrate_tip(
     goal: Calibrate.Goal, collected: _Collection, buffer: TransformBuffer
-) -> _Calibration:
+) -> Calibrate.Result:
     pivot = calibrate_pivot(collected.poses)
-    return _Calibration(
+    return collected.result(
         pivot.tool_from_tip(_tip_frame(goal)),
         _rms(np.delete(pivot.residuals_mm, pivot.outliers)) / MM_PER_M,
-        pivot.accepted,
-        pivot.reason,
+        "" if pivot.accepted else pivot.reason,
     )
 
 
 def _calibrate_shaft(
     goal: Calibrate.Goal, collected: _Collection, buffer: TransformBuffer
-) -> _Calibration:
+) -> Calibrate.Result:
     try:
         tip = buffer.lookup(goal.frame, _tip_frame(goal)).transform.translation_mm
     except TfError as error:
@@ -167,17 +159,16 @@ def _calibrate_shaft(
         ) from error
     spin = calibrate_spin(collected.poses, tip_mm=tip)
     frames = {"tool_frame": goal.frame, "tip_frame": _tip_frame(goal)}
-    return _Calibration(
+    return collected.result(
         tip_transform(tip, spin.shaft, **frames),
         _rms(np.delete(spin.residuals_rad, spin.outliers)),
-        spin.accepted,
-        spin.reason,
+        "" if spin.accepted else spin.reason,
     )
 
 
 def _locate_landmark(
     goal: Calibrate.Goal, collected: _Collection, buffer: TransformBuffer
-) -> _Calibration:
+) -> Calibrate.Result:
     settings = DwellSettings(min_turn_rad=0.0)
     dwells = detect_dwells(collected.samples, settings)
     if not dwells:
@@ -187,7 +178,7 @@ def _locate_landmark(
         )
     dwell = dwells[-1]
     landmark = Transform(goal.parent_frame, "landmark", np.eye(3), dwell.position_mm)
-    return _Calibration(landmark, dwell.spread_mm / MM_PER_M, True, "")
+    return collected.result(landmark, dwell.spread_mm / MM_PER_M)
 
 
 _METHODS: dict[int, _Method] = {
