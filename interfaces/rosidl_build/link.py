@@ -1,5 +1,6 @@
 """Compile and link the libraries and extension modules of one interface package."""
 
+import fnmatch
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -15,7 +16,8 @@ class Library:
     """Shared library ``lib<package>__<generator>.so`` made from the sources that match ``pattern``.
 
     ``own`` names the libraries of the same package that it needs, ``runtime`` those of ROS. The
-    sources are compiled as one unit, in a fifth of the time, unless they define the same names.
+    sources are compiled as one unit, in a fifth of the time, but for those that match ``apart``,
+    which define the same names.
     """
 
     generator: str
@@ -23,13 +25,13 @@ class Library:
     own: tuple[str, ...]
     runtime: tuple[str, ...]
     python: bool = False
-    one_unit: bool = True
+    apart: str = ""
 
 
 BASE = ("rosidl_runtime_c", "rcutils")
 
 LIBRARIES = (
-    Library("rosidl_generator_c", "*.c", (), BASE, one_unit=False),
+    Library("rosidl_generator_c", "*.c", (), BASE, apart="*__description.c"),
     Library(
         "rosidl_typesupport_introspection_c",
         "*.c",
@@ -116,9 +118,10 @@ class Linker:
         package = generated.package
         for library in LIBRARIES:
             sources = generated.sources(library.generator, library.pattern)
-            if library.one_unit:
-                sources = [_one_unit(sources, generated.of(library.generator))]
-            objects = self.compile(sources, generated)
+            apart = fnmatch.filter(sources, library.apart)
+            joined = [each for each in sources if each not in apart]
+            unit = _one_unit(joined, generated.of(library.generator))
+            objects = self.compile([unit, *apart], generated)
             name = f"{package.name}__{library.generator}"
             dependencies = [
                 f"{other}__{generator}"
