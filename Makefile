@@ -73,7 +73,7 @@ test-pages: $(test)
 test-exhaustive: $(test)
 	@$(python) -m pytest --tier exhaustive $(PYTEST_ARGS)
 
-# Minutes of processor time: three builds, 2 GB of packages. It uses the kernels that `make test` has compiled.
+# Minutes of processor time: two builds, 2 GB of packages. It uses the kernels and the messages that `make test` has compiled.
 test-wheel: $(test)
 	@$(python) -m pytest tests/tools/built_wheel.py tests/tools/installed_wheel.py $(PYTEST_ARGS)
 

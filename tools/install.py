@@ -7,6 +7,7 @@ those of pip's configuration, which uv does not read. All output is in ``.venv/i
 import ast
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +15,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 CONSTRAINTS = "constraints.txt"  # relative to ROOT: the variables are split at spaces
 LOG = Path(sys.prefix) / "install.log"
+WHEELS = Path(sys.prefix) / "wheels"
+"""Folder of the wheels that were built, by the name of their project's folder."""
 
 UV_SETTINGS = {
     "index-url": "UV_DEFAULT_INDEX",
@@ -88,16 +91,35 @@ def uv_variables() -> dict[str, str]:
     }
 
 
+def wheel(name: str) -> Path:
+    """The wheel of the project in the folder ``name``, which `main` has built."""
+    (path,) = (WHEELS / name).glob("*.whl")
+    return path
+
+
 def main(arguments: list[str]) -> int:
-    """Install ``arguments`` (as for ``pip install``) into this Python's environment."""
+    """Install ``arguments`` (as for ``pip install``) into this Python's environment.
+
+    Of a folder without ``-e`` a source distribution is built, and from it the wheel in `WHEELS`.
+    """
     print(f"Installing {' '.join(a for a in arguments if a != '-e')} ...", flush=True)
     done = run("pip", "--disable-pip-version-check", "install", "--constraint", CONSTRAINTS, "uv")
-    output = done.stdout
+    output, variables, words = done.stdout, uv_variables(), arguments
+    for folder in [each for each in arguments if each.startswith("./") and not done.returncode]:
+        name = Path(folder).name
+        shutil.rmtree(WHEELS / name, ignore_errors=True)
+        into = ("--python", sys.executable, "--out-dir", str(WHEELS / name))
+        done = run("uv", "build", *into, folder, **variables)
+        output += done.stdout
+        if done.returncode == 0:
+            built = wheel(name)
+            words = [str(built) if each == folder else each for each in words]
+            words += ["--reinstall-package", built.name.split("-")[0]]
     if done.returncode == 0:
         done = run(
             *("uv", "pip", "install", "--python", sys.executable, "--compile-bytecode"),
-            *arguments,
-            **uv_variables(),
+            *words,
+            **variables,
         )
         output += done.stdout
     LOG.write_text(output)
