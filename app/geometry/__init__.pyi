@@ -31,7 +31,7 @@ from .measurements import (
     TrackingStatus,
     image_corners,
 )
-from .mesh import SurfaceMesh, weld_vertices
+from .mesh import SurfaceMesh, distinct_rows, weld_vertices
 from .rotations import quaternions_of_rotations, rotations_of_quaternions
 from .stamp import (
     NS_PER_MS,
@@ -92,6 +92,7 @@ __all__ = [
     "chain_to_root",
     "check_frame",
     "closest_rotation",
+    "distinct_rows",
     "freshness_of",
     "freshness_of_stamp",
     "image_corners",
