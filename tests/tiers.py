@@ -19,6 +19,7 @@ TIERS = {
     "suite": ("fast", "slow"),
     "long": ("long",),
     "exhaustive": ("exhaustive",),
+    "rest": ("long", "exhaustive"),
 }
 """Value of ``--tier`` -> markers of the files that run; "fast" is a file without a marker."""
 

@@ -4,6 +4,7 @@ import fnmatch
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -116,12 +117,10 @@ class Linker:
     def link_libraries(self, generated: GeneratedPackage, output: Path) -> None:
         """Build every library of `LIBRARIES` into ``output``."""
         package = generated.package
-        for library in LIBRARIES:
-            sources = generated.sources(library.generator, library.pattern)
-            apart = fnmatch.filter(sources, library.apart)
-            joined = [each for each in sources if each not in apart]
-            unit = _one_unit(joined, generated.of(library.generator))
-            objects = self.compile([unit, *apart], generated)
+        units = [_units(library, generated) for library in LIBRARIES]
+        compiled = iter(self.compile(chain.from_iterable(units), generated))
+        for library, sources in zip(LIBRARIES, units, strict=True):
+            objects = list(islice(compiled, len(sources)))
             name = f"{package.name}__{library.generator}"
             dependencies = [
                 f"{other}__{generator}"
@@ -190,8 +189,11 @@ class Linker:
         )
 
 
-def _one_unit(sources: list[str], folder: Path) -> str:
-    """Path of a new file in ``folder`` that includes ``sources``."""
-    unit = folder / f"one_unit{Path(sources[0]).suffix}"
-    unit.write_text("".join(f'#include "{source}"\n' for source in sources))
-    return str(unit)
+def _units(library: Library, generated: GeneratedPackage) -> list[str]:
+    """Paths of the files to compile: a new one that includes all that need not be apart."""
+    sources = generated.sources(library.generator, library.pattern)
+    apart = fnmatch.filter(sources, library.apart)
+    unit = generated.of(library.generator) / f"one_unit{Path(sources[0]).suffix}"
+    joined = [each for each in sources if each not in apart]
+    unit.write_text("".join(f'#include "{source}"\n' for source in joined))
+    return [str(unit), *apart]

@@ -77,12 +77,8 @@ def test_unpacked_wheel_finds_its_own_files(wheel, tmp_path):
     site, elsewhere = tmp_path / "site", tmp_path / "elsewhere"
     elsewhere.mkdir()
     wheel.extractall(site)
-    command = ("-P", "-c", PROGRAM)
-    done = run_python(
-        *command,
-        cwd=elsewhere,
-        env={"PYTHONPATH": str(site), "PATH": "/usr/bin:/bin", "HOME": str(elsewhere)},
-    )
+    environment = {"PYTHONPATH": str(site), "PATH": "/usr/bin:/bin", "HOME": str(elsewhere)}
+    done = run_python("-P", "-c", PROGRAM, cwd=elsewhere, env=environment)
     assert json.loads(done.stdout) == {
         "app": str(site / "app" / "__init__.py"),
         "checkout": None,

@@ -34,10 +34,11 @@ COPIED = ("PATH", "LANG", "LC_ALL", "SSL_CERT_FILE", "http_proxy", "https_proxy"
 class Installation:
     """A virtual environment, the home of a new user, and an empty folder to work in."""
 
+    wheel: str  # path of the built wheel of MarginGuard
+
     def __init__(self, root: Path, project: Path) -> None:
         self.venv, self.home, self.folder = root / "venv", root / "home", root / "folder"
-        self.dist = root / "dist"
-        self.project = project
+        self.dist, self.project = root / "dist", project
         self.home.mkdir()
         self.folder.mkdir()
 
@@ -46,10 +47,9 @@ class Installation:
         """Variables of a new user: no PYTHONPATH; pip's settings and its cache are kept."""
         kept = {name: os.environ[name] for name in COPIED if name in os.environ}
         kept |= {name: value for name, value in os.environ.items() if name.startswith("PIP_")}
-        cache = os.environ.get("PIP_CACHE_DIR", str(Path.home() / ".cache" / "pip"))
         return kept | {
             "HOME": str(self.home),
-            "PIP_CACHE_DIR": cache,
+            "PIP_CACHE_DIR": os.environ.get("PIP_CACHE_DIR", f"{Path.home()}/.cache/pip"),
             "PIP_CONSTRAINT": str(self.project / "constraints.txt"),
             "PIP_DISABLE_PIP_VERSION_CHECK": "1",
             "ROS_DOMAIN_ID": os.environ.get("ROS_DOMAIN_ID", "0"),
@@ -91,16 +91,9 @@ class Installation:
             folder.mkdir(exist_ok=True)
             shutil.copy(kernel, folder)
 
-    @property
-    def wheel(self) -> str:
-        """Path of the built wheel of MarginGuard."""
-        (path,) = self.dist.glob("*.whl")
-        return str(path)
-
     def install(self, *wheels: str) -> None:
         """Install wheels and what they need by uv, in a seventh of pip's time."""
-        python = str(self.venv / "bin" / "python")
-        run_with_uv("uv", "pip", "install", "--python", python, *wheels)
+        run_with_uv("uv", "pip", "install", "--python", f"{self.venv}/bin/python", *wheels)
 
     def marginguard(self, *arguments: str, status: int = 0) -> subprocess.CompletedProcess[str]:
         """Run the command; fails if its exit status differs."""
@@ -128,6 +121,7 @@ def installed(
     # A source distribution first and the wheel from it, each in an environment of its own.
     run_with_uv("build", "--installer=uv", "--outdir", str(made.dist), str(copy))
     shutil.rmtree(copy)
+    (made.wheel,) = map(str, made.dist.glob("*.whl"))
     subprocess.run([sys.executable, "-m", "venv", str(made.venv)], check=True)
     # Modules are compiled when they are imported, which most never are.
     made.pip("install", "--no-compile", "--no-deps", made.wheel)
