@@ -105,7 +105,9 @@ def main(arguments: list[str]) -> int:
     print(f"Installing {' '.join(a for a in arguments if a != '-e')} ...", flush=True)
     done = run("pip", "--disable-pip-version-check", "install", "--constraint", CONSTRAINTS, "uv")
     output, variables, words = done.stdout, uv_variables(), arguments
-    for folder in [each for each in arguments if each.startswith("./") and not done.returncode]:
+    for folder in [each for each in arguments if each.startswith("./")]:
+        if done.returncode != 0:
+            break
         name = Path(folder).name
         shutil.rmtree(WHEELS / name, ignore_errors=True)
         into = ("--python", sys.executable, "--out-dir", str(WHEELS / name))
