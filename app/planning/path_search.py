@@ -3,8 +3,13 @@
 OMPL searches. A proof of a motion takes much longer than a test of some states, and most motions of
 a search are not on the path that it finds: only this one is proven. If that fails, it is searched
 again with finer tests, down to proofs (after the lazy planner of Bohlin and Kavraki 2000).
+
+A joint that turns several times has the same pose at several positions. So the search is near the
+ends first, where each pose is once or twice, and turns by turns within all limits: some paths, such
+as out of a winding, lead through more turns.
 """
 
+import math
 from collections.abc import Callable
 from itertools import pairwise
 
@@ -21,6 +26,15 @@ ASSUMED_MM = 64.0
 
 _FINER = 4.0
 _PROVEN_MM = 0.01
+
+_NEAR = math.pi
+"""Beyond start and goals, in rad or m: as far as the searches near them go."""
+
+_STEP = 2.0
+"""Longest motion of a tree, in rad or m: most of those that are longer are blocked."""
+
+_MOTIONS = 1000
+"""Tested motions after which the first two searches begin anew; later ones test more."""
 
 _SHORTCUTS = 60
 
@@ -40,6 +54,7 @@ class _TestedMotions(base.MotionValidator):  # type: ignore[misc]  # OMPL has no
         super().__init__(space)
         self._model, self._assumed_mm = model, assumed_mm
         self._new = np.empty(0)
+        self.tested = 0
 
     def accepts(self, state: base.State) -> bool:
         """True: the motion from the state tests it."""
@@ -51,6 +66,7 @@ class _TestedMotions(base.MotionValidator):  # type: ignore[misc]  # OMPL has no
         ends = [_array(state, len(self._model.joints)) for state in (start, end)]
         if np.array_equal(ends[0], self._new):
             ends.reverse()
+        self.tested += 1
         return self._model.motion_keeps_clearance(*ends, assumed_mm=self._assumed_mm)
 
 
@@ -74,14 +90,24 @@ def find_path(
     nearest = goals[np.linalg.norm(goals - start, axis=1).argmin()]
     if model.motion_keeps_clearance(start, nearest):
         return np.array([start, nearest])
-    assumed_mm = ASSUMED_MM
-    while True:
-        path = _tested_path(model, start, goals, limits, is_over, assumed_mm)
-        if path is None or assumed_mm == 0.0:
+    ends = np.vstack([start, goals])
+    near = (
+        np.maximum(limits[0], ends.min(axis=0) - _NEAR),
+        np.minimum(limits[1], ends.max(axis=0) + _NEAR),
+    )
+    assumed_mm, searches = ASSUMED_MM, 0
+    while not is_over():
+        within, motions = limits if searches % 2 else near, _MOTIONS << searches // 2
+        path = _tested_path(model, start, goals, within, is_over, assumed_mm, motions)
+        if path is None:
+            searches += 1
+        elif assumed_mm == 0.0 or all(
+            model.motion_keeps_clearance(*part) for part in pairwise(path)
+        ):
             return path
-        if all(model.motion_keeps_clearance(*part) for part in pairwise(path)):
-            return path
-        assumed_mm = assumed_mm / _FINER if assumed_mm > _PROVEN_MM else 0.0
+        else:
+            assumed_mm = assumed_mm / _FINER if assumed_mm > _PROVEN_MM else 0.0
+    return None
 
 
 def _tested_path(
@@ -91,8 +117,12 @@ def _tested_path(
     limits: tuple[FloatArray, FloatArray],
     is_over: Callable[[], bool],
     assumed_mm: float,
+    max_motions: int,
 ) -> FloatArray | None:
-    """Path by RRTConnect whose motions are tested with ``assumed_mm``; None when ``is_over``."""
+    """Path by RRTConnect whose motions are tested with ``assumed_mm``.
+
+    None when ``is_over``, or after ``max_motions``.
+    """
     count = len(start)
     bounds = base.RealVectorBounds(count)
     for joint, (low, high) in enumerate(zip(*limits, strict=True)):
@@ -112,9 +142,12 @@ def _tested_path(
         goal.addState(_state(states, each))
     problem.setGoal(goal)
     planner = geometric.RRTConnect(space)
+    planner.setRange(_STEP)
     planner.setProblemDefinition(problem)
     planner.setup()
-    planner.solve(base.PlannerTerminationCondition(is_over))
+    planner.solve(
+        base.PlannerTerminationCondition(lambda: motions.tested >= max_motions or is_over())
+    )
     if not problem.hasExactSolution():
         return None
     return np.array([_array(state, count) for state in problem.getSolutionPath().getStates()])
