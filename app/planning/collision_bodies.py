@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
 
 from app.fixture.surfaces.surface import build_bvh
 from app.fixture.surfaces.winding_number import Dipoles, dipoles_of, winding_numbers
@@ -23,10 +24,19 @@ class Body:
         _, first = np.unique(self.bvh.part, return_index=True)
         self.part_points = self.bvh.corners[first, 0]
         self.solid = _solid_of(mesh)
+        self.hull = _hull_of(mesh.vertices_mm)
 
     def contains_any(self, points: FloatArray) -> bool:
         """True if one of ``points`` (n, 3) in the frame of the link is inside."""
         return bool((winding_numbers(self.solid, points) != 0).any())
+
+
+def _hull_of(points: FloatArray) -> FloatArray:
+    """The corners of the convex hull; all points if these are in a plane."""
+    try:
+        return np.asarray(points[ConvexHull(points).vertices], np.float64)
+    except QhullError:
+        return points
 
 
 def _solid_of(mesh: SurfaceMesh) -> Dipoles:
@@ -108,6 +118,8 @@ def packed(bodies: Sequence[Body], rows: Mapping[str, int]) -> Bodies:
         counts,
         np.array([body.bvh.levels for body in bodies], np.int64),
         np.array([rows[body.link] for body in bodies], np.int64),
+        np.concatenate([body.hull for body in bodies]),
+        np.cumsum([0, *(len(body.hull) for body in bodies)]).astype(np.int64),
     )
 
 
