@@ -17,7 +17,7 @@ from benchmarks.fixture.engines import coal_model
 from tests.tiers import PROJECT_ROOT
 
 LINKS = {"touch": "stylus", "ur5": "tool0", "panda": "panda_hand_tcp"}
-"""Robot -> the link of its tool."""
+"""Robot -> the link of its tool. The arm of the simulated world `data/worlds` is the first."""
 
 ADJACENT = {
     "touch": [("touch_base", "torso"), ("torso", "upper_arm"), ("upper_arm", "forearm"),

@@ -109,6 +109,27 @@ def test_path_that_leads_through_structures_between_its_tests_is_searched_again(
     assert coarse < 0.0
 
 
+def test_path_that_leads_away_from_start_and_goal_is_found_within_all_limits(monkeypatch):
+    from app.planning import path_search
+
+    robot = load("touch")
+    _, queries, model = random_queries(robot, np.random.default_rng(207), CLEARANCE_MM)
+    limits = tuple(
+        np.array([getattr(robot.tree.joint(joint), side) for joint in model.joints])
+        for side in ("lower", "upper")
+    )
+    monkeypatch.setattr(path_search, "_NEAR", 0.0)  # between start and goal alone
+    monkeypatch.setattr(path_search, "_MOTIONS", 20)
+    away = 0
+    for start, goal in queries:
+        ends = np.array([[each[joint] for joint in model.joints] for each in (start, goal)])
+        path = path_search.find_path(model, ends[0], ends[1:], limits, after(20_000))
+        assert (path >= limits[0]).all()
+        assert (path <= limits[1]).all()
+        away += bool((path < ends.min(axis=0)).any() or (path > ends.max(axis=0)).any())
+    assert away
+
+
 @pytest.mark.parametrize("name", ROBOTS)
 def test_states_are_blocked_where_coal_finds_a_pair_too_near(name):
     robot, structures, _, _, model = problem(name)
