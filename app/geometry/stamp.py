@@ -6,7 +6,7 @@ is read here.
 
 from bisect import bisect_left
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from decimal import Decimal, InvalidOperation
 from enum import Enum
 from typing import Any, Generic, TypeVar
@@ -15,6 +15,9 @@ from app.geometry.errors import InputError, StampError
 
 NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000
+
+NEVER_NS = 10**18
+"""A duration that no pose lasts: 31 years."""
 
 _MAX_S = 9_000_000_000
 """Largest time in s. Its ns fit into the 64 bits that ROS and MCAP use."""
@@ -226,18 +229,23 @@ class FreshnessLimits:
 
     ``frozen_after_ns`` None: repeated values are allowed for any time. ``future_tolerance_ns``:
     how far a stamp may be ahead of the present, 0 unless the caller has a reason to allow more
-    (the clocks of two hosts differ). Raises `InputError` for a negative limit.
+    (the clocks of two hosts differ). ``numbers_ns``: the three limits, at most `NEVER_NS`, which
+    stands for None. Raises `InputError` for a negative limit.
     """
 
     stale_after_ns: int
     frozen_after_ns: int | None = None
     future_tolerance_ns: int = 0
+    numbers_ns: tuple[int, int, int] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         for name in ("stale_after_ns", "frozen_after_ns", "future_tolerance_ns"):
             value = getattr(self, name)
             if value is not None and value < 0:
                 raise InputError(f"{name} is {value}; expected 0 or more")
+        frozen_ns = NEVER_NS if self.frozen_after_ns is None else self.frozen_after_ns
+        given_ns = self.stale_after_ns, frozen_ns, self.future_tolerance_ns
+        object.__setattr__(self, "numbers_ns", tuple(min(each, NEVER_NS) for each in given_ns))
 
     def is_frozen(self, unchanged_ns: int) -> bool:
         """True if values that have repeated for ``unchanged_ns`` count as frozen."""
@@ -254,14 +262,29 @@ def freshness_of(
     """
     if stamp_ns is None:
         return Freshness.MISSING
-    age_ns = now_ns - stamp_ns
-    if age_ns < -limits.future_tolerance_ns:
-        return Freshness.FUTURE
-    if age_ns > limits.stale_after_ns:
-        return Freshness.STALE
-    if unchanged_ns and limits.is_frozen(unchanged_ns):
-        return Freshness.FROZEN
-    return Freshness.VALID
+    return VERDICTS[freshness_number(now_ns - stamp_ns, unchanged_ns, *limits.numbers_ns)]
+
+
+VERDICTS = (Freshness.VALID, Freshness.STALE, Freshness.FROZEN, Freshness.FUTURE)
+"""By the result of `freshness_number`."""
+
+
+def freshness_number(
+    age_ns: int,
+    unchanged_ns: int,
+    stale_after_ns: int,
+    frozen_after_ns: int,
+    future_tolerance_ns: int,
+) -> int:
+    """Number in `VERDICTS` of a sample of this age.
+
+    The limits are those of `FreshnessLimits.numbers_ns`. Compiled code calls it, too.
+    """
+    if age_ns < -future_tolerance_ns:
+        return 3
+    if age_ns > stale_after_ns:
+        return 1
+    return 2 if unchanged_ns > frozen_after_ns else 0
 
 
 def freshness_of_stamp(stamp: Stamp | None, now: Stamp, limits: FreshnessLimits) -> Freshness:

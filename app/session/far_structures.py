@@ -64,7 +64,6 @@ class FarStructures:
 
     def __init__(self, setup: SessionSetup) -> None:
         self._now: Stamp | None = None
-        self._tools: Mapping[str, MeasuredPose] = {}
         self._tips: dict[str, Transform] = {}
         self._last: dict[str, Transform] = {}
         self.use(setup)
@@ -75,7 +74,7 @@ class FarStructures:
     def use(self, setup: SessionSetup) -> None:
         """Replace the setup: each structure is measured at the next step."""
         structures, margins, tracking = setup.guarded, setup.margins, setup.tracking
-        self._setup, self._limits = setup, margins.freshness_limits
+        self._limits = margins.freshness_limits
         self._asleep: frozenset[int] = frozenset()
         self._frames = [each.frame_from_structure.target for each in structures]
         self._names = tuple(dict.fromkeys(self._frames))
@@ -100,26 +99,27 @@ class FarStructures:
         self._forget()
 
     def found(
-        self, tools: Mapping[str, MeasuredPose], first: MarginObservation
+        self, tips: Mapping[str, MeasuredPose], first: MarginObservation
     ) -> dict[int, FarDistance]:
         """The far structures by number: none after a fault, or if a pose may be old.
 
-        ``tools`` are the poses of the tool by frame, ``first`` is the observation of the first
+        ``tips`` are the poses of the tool's tip by frame, ``first`` is the observation of the first
         structure, whose margin holds the error of the registration at the tip.
         """
-        self._tools, self._tips = {}, {}  # those of a step that has failed
+        self._tips = {}  # those of a step that has failed
         if len(self._frames) == 1:
             return {}
-        used = [tools[name] for name in self._needed_frames]
+        used = [tips[name] for name in self._needed_frames]
         if first.problems or any(each.problems or each.unchanged_ns for each in used):
             return {}
-        self._tools = tools
+        poses = [(name, tips[name].transform) for name in self._names]
+        self._tips = {name: pose for name, pose in poses if pose is not None}
         if freshness_of_stamp(self._now, first.now, self._limits) is not Freshness.VALID:
             self._forget()  # the margin is UNKNOWN after a gap
         if not self._known:
             return {}
         for number, name in enumerate(self._names):
-            tip, sigma_mm = self._tip(name), first.sigma_tre_mm
+            tip, sigma_mm = self._tips[name], first.sigma_tre_mm
             _find_bounds(self._state, number, tip.rotation, tip.translation_mm, sigma_mm)
         fields = ("at_least_mm", "clearance_mm", "needed_mm")
         bounds = zip(*(self._state[name].tolist() for name in fields), strict=True)
@@ -147,14 +147,14 @@ class FarStructures:
 
         After a fault all are measured at the next step.
         """
-        if not self._tools:
+        if not self._tips:
             self._forget()
         else:
             for number, decision in measured.items():
                 if number > 0:
                     self._note(number, decision)
         self._now, self._asleep, self._last = now, frozenset(far), self._tips
-        self._tools, self._tips = {}, {}
+        self._tips = {}
 
     def _note(self, number: int, decision: FixtureDecision) -> None:
         """Remember the distance of a structure if it can be far at the next step."""
@@ -167,18 +167,10 @@ class FarStructures:
             self._known.discard(number)
             self._measured_mm[number] = -math.inf
             return
-        tip = self._tip(self._frames[number])
+        tip = self._tips[self._frames[number]]
         self._known.add(number)
         self._measured_mm[number] = proximity.lower_bound_mm
         self._rotations[number], self._tips_mm[number] = tip.rotation, tip.translation_mm
-
-    def _tip(self, frame: str) -> Transform:
-        """The tip at this step in a tracked frame."""
-        if frame not in self._tips:
-            tool = self._tools[frame].transform
-            assert tool is not None, "poses are without a fault"
-            self._tips[frame] = tool @ self._setup.tool_from_tip
-        return self._tips[frame]
 
     def _forget(self) -> None:
         self._known.clear()

@@ -1,11 +1,14 @@
 """Latest sample of every measured edge, and the pose between any two frames computed from them."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import astuple, replace
+from functools import cache
 from typing import NamedTuple
 
+import numpy as np
+
 from app.case import TrackingFrame
-from app.fixture import REASON_OF_FRESHNESS, Reason, TumorMotionFilter, TumorMotionParameters
+from app.fixture import Reason, TumorMotionFilter, TumorMotionParameters
 from app.geometry import (
     Edge,
     FloatArray,
@@ -13,34 +16,36 @@ from app.geometry import (
     FreshnessLimits,
     Stamp,
     TrackedTransform,
-    TrackingStatus,
     Transform,
-    freshness_of,
     freshness_of_stamp,
-    product_along,
     shortest_path,
 )
-from app.session.repetition import SensorRepetition, SourceRepetition
-
-MAX_TRANSLATION_MM = 10_000.0
-"""No tracker of an operating room measures beyond 10 m. Drivers send larger numbers for a missing
-pose (NDI: -3.7e28), whatever the status is."""
-
-REASON_OF_STATUS = {
-    TrackingStatus.INVALID: Reason.INVALID,
-    TrackingStatus.MISSING: Reason.MISSING,
-    TrackingStatus.OUT_OF_VIEW: Reason.MISSING,
-    TrackingStatus.OUT_OF_VOLUME: Reason.MISSING,
-    TrackingStatus.REQUEST_TIMEOUT: Reason.MISSING,
-    TrackingStatus.NOT_FINITE: Reason.NOT_FINITE,
-    TrackingStatus.NOT_RIGID: Reason.NOT_RIGID,
-}
-
+from app.session.repetition import SOURCE_REPETITION, restart
+from app.session.sensor_motion import (
+    MotionLimits,
+    State,
+    begin_motion,
+    jump_of,
+    restart_motion,
+)
+from app.session.tracked_edges import (
+    EDGE,
+    LIMITS,
+    PATH,
+    REASONS,
+    REFUSED,
+    SAMPLE,
+    TAKEN,
+    Steps,
+    follow_paths,
+    judge_edges,
+    take_samples,
+)
 
 _NOTHING: frozenset[Reason] = frozenset()
-_TOO_FAR = frozenset({Reason.INVALID})
-_FROZEN = frozenset({Reason.FROZEN})
 _JUMPED = frozenset({Reason.CLOCK_JUMPED_BACK})
+_MAX_PATHS = 100
+_NO_TURN = Transform.identity("frame", "frame")
 
 
 class MeasuredPose(NamedTuple):
@@ -60,52 +65,6 @@ class MeasuredPose(NamedTuple):
 _UNKNOWN = MeasuredPose(None, None, 0, frozenset({Reason.MISSING}))
 
 
-@dataclass(slots=True)
-class _EdgeState:
-    latest: TrackedTransform
-    latest_at: Stamp
-    """The latest sample's stamp, or its time of arrival if that was earlier."""
-    repetition: SensorRepetition
-    latest_good: Transform | None = None
-    latest_mm: list[float] = field(default_factory=list)
-    """Its position."""
-    unchanged_since_ns: int = 0
-    bad: frozenset[Reason] = _NOTHING
-    """Problems of the latest sample that do not depend on its age."""
-
-    def update(self, sample: TrackedTransform, now: Stamp, limits: FreshnessLimits) -> bool:
-        """Make ``sample`` the latest; return True if the pose has changed.
-
-        Lost samples in between do not end a frozen run. A stamp from the future counts as
-        ``now``, because no sample can have been acquired later.
-        """
-        self.latest = sample
-        self.latest_at = sample.stamp if sample.stamp.ns <= now.ns else now
-        pose, at_ns = sample.transform, self.latest_at.ns
-        if pose is None:
-            self.bad = frozenset({REASON_OF_STATUS[sample.status]})
-            return False
-        position_mm = pose.translation_mm.tolist()
-        if is_too_far(position_mm):
-            self.bad = _TOO_FAR
-            return False
-        self.bad = _NOTHING
-        known, known_mm = self.latest_good, self.latest_mm
-        self.latest_good, self.latest_mm = pose, position_mm
-        if known is None:
-            self.unchanged_since_ns = at_ns
-            self.repetition.begin(pose, position_mm, at_ns)
-            return False
-        # Positions differ in nearly all cases, and lists of floats compare fastest.
-        if known_mm == position_mm and known.rotation.tolist() == pose.rotation.tolist():
-            self.repetition.repeat(at_ns - self.unchanged_since_ns)
-            return False
-        self.unchanged_since_ns = at_ns
-        self.repetition.change(pose, position_mm, at_ns, limits)
-        return True
-
-
-@dataclass(slots=True)
 class PoseTree:
     """Holds the latest sample of each edge; drops all samples when the source's clock jumps back.
 
@@ -118,21 +77,62 @@ class PoseTree:
     clock, is treated as a fixed transform (recordings carry calibrations among the measured ones),
     except the edges that touch ``moving_frames``: each of these has a sensor. A sensor of
     ``shown_frames`` alone does not show that its tracker goes on: no decision depends on it.
+
+    On the paths between the pairs of frames ``checked``, a pose that its sensor cannot have reached
+    by ``motion`` is not used (`app.session.sensor_motion`). A path that was asked for once is
+    followed in every frame.
     """
 
-    limits: FreshnessLimits
-    moving_frames: tuple[str, ...]
-    shown_frames: tuple[str, ...] = ()
-    _edges: dict[Edge, _EdgeState] = field(default_factory=dict)
-    _changed: set[Edge] = field(default_factory=set)
-    _sensors: dict[Edge, SensorRepetition] = field(default_factory=dict)
-    _sources: dict[str, SourceRepetition] = field(default_factory=dict)
-    """By the frame in which a tracker measures its sensors."""
-    _paths: dict[Edge, tuple[Edge, ...] | None] = field(default_factory=dict)
-    _now: Stamp | None = None
-    _problems: dict[Edge, tuple[int, frozenset[Reason]]] = field(default_factory=dict)
-    """Results of `_verdict` at the present, valid while `_judged_by` is unchanged."""
-    _judged_by: tuple[object, object] = (None, None)
+    def __init__(
+        self,
+        limits: FreshnessLimits,
+        moving_frames: tuple[str, ...],
+        shown_frames: tuple[str, ...] = (),
+        motion: MotionLimits | None = None,
+        checked: tuple[Edge, ...] = (),
+    ) -> None:
+        self._now: Stamp | None = None
+        self._rows: dict[Edge, int] = {}
+        """Number of each edge that was ever sent."""
+        self._edges: dict[Edge, int] = {}
+        """Those with a sample since the last jump of the clock, in the order of the first one."""
+        self._latest: list[TrackedTransform | None] = []
+        self._trackers: dict[str, int] = {}
+        self._state: State = np.zeros(0, EDGE)
+        self._sources: State = np.zeros(0, SOURCE_REPETITION)
+        self._limits: State = np.zeros(1, LIMITS)
+        self._motion = motion or MotionLimits()
+        self._make_room(4)
+        self._samples: State = np.zeros(0, SAMPLE)
+        self._paths: dict[tuple[str, str, Transform, Transform], int] = {}
+        """Number of each path that was asked for."""
+        self._found: list[list[int]] | None = None
+        """Numbers of each path at the present, once they are read."""
+        self.use(limits, moving_frames, shown_frames, motion, checked)
+        # Run the kernels once, so that the first step does not wait for the compiler.
+        self.insert(TrackingFrame(Stamp(0), ()))
+        self._now = None
+
+    def use(
+        self,
+        limits: FreshnessLimits,
+        moving_frames: tuple[str, ...],
+        shown_frames: tuple[str, ...] = (),
+        motion: MotionLimits | None = None,
+        checked: tuple[Edge, ...] = (),
+    ) -> None:
+        """Replace the arguments between two frames; what is known of the sensors is kept."""
+        self.limits, self._moving, self._shown = limits, moving_frames, shown_frames
+        self._checked, self._motion = checked, motion or MotionLimits()
+        self._are_checked = False
+        self._limits[0] = limits.numbers_ns
+        self._state["motion"]["limits"] = astuple(self._motion)
+        for edge in self._rows:
+            self._mark(edge)
+        self._paths.clear()
+        if self._now is not None:
+            judge_edges(self._state, self._sources, self._limits, self._now.ns)
+        self._follow()
 
     def insert(self, frame: TrackingFrame) -> frozenset[Reason]:
         """Store the samples of ``frame`` and make its stamp the present.
@@ -140,63 +140,130 @@ class PoseTree:
         Returns `Reason.CLOCK_JUMPED_BACK` when the present went back; all earlier samples are
         then dropped.
         """
-        jumped = self._now is not None and frame.stamp < self._now
+        now = frame.stamp
+        jumped = self._now is not None and now < self._now
+        if not self._are_checked:
+            self._check_paths()
         if jumped:
-            self._edges.clear()
-            self._paths.clear()
-            for sensor in self._sensors.values():
-                sensor.restart()
-            for source in self._sources.values():
-                source.restart()
-        self._now = frame.stamp
-        self._problems.clear()
-        durations_ns: dict[str, list[int]] = {}
-        for sample in frame.poses:
-            edge = (sample.target, sample.source)
-            state = self._insert_sample(edge, sample, frame.stamp)
-            if state is None or state.bad or self._is_shown_only(sample.source):
-                continue
-            if self._has_to_move(edge):
-                durations_ns.setdefault(sample.target, []).append(state.repetition.duration_ns)
-        for tracker, each_ns in durations_ns.items():
-            source = self._sources.setdefault(tracker, SourceRepetition())
-            source.observe(each_ns, self.limits.stale_after_ns)
+            self._restart()
+        self._now, self._found = now, None
+        self.accepted = frame
+        """The last frame without the samples that are not plausible."""
+        rows = self._write(frame)
+        others = take_samples(
+            self._samples,
+            len(rows),
+            now.ns,
+            self._limits,
+            self._state,
+            self._sources,
+            self._followed,
+            self._steps,
+        )
+        outcomes = self._outcomes[: len(rows)].tolist()
+        for row, sample, outcome in zip(rows, frame.poses, outcomes, strict=True):
+            if outcome == TAKEN:
+                self._latest[row] = sample
+        if others:
+            self._note_others(frame, outcomes)
         return _JUMPED if jumped else _NOTHING
 
-    def pose(self, target: str, source: str) -> MeasuredPose:
-        """``target_from_source`` along the shortest path over measured edges."""
-        path = self._path(target, source)
-        if path is None or self._now is None:
+    def _write(self, frame: TrackingFrame) -> list[int]:
+        """Write the samples of ``frame`` to the array of them; return the number of each edge."""
+        now, rows = frame.stamp, []
+        if len(frame.poses) >= len(self._samples):
+            samples = self._samples = np.zeros(2 * len(frame.poses) + 1, SAMPLE)
+            self._edge_of, self._ns_of = samples["edge"], samples["ns"]
+            self._status_of, self._outcomes = samples["status"], samples["outcome"]
+            self._rotation_of, self._position_of = samples["rotation"], samples["position"]
+        for k, sample in enumerate(frame.poses):
+            edge, stamp, pose = (sample.target, sample.source), sample.stamp, sample.transform
+            row = self._rows.get(edge)
+            if row is None:
+                row = self._add_edge(edge)
+            if stamp.clock != now.clock:
+                stamp.age_ns(now)  # raises
+            rows.append(row)
+            self._edge_of[k], self._ns_of[k], self._status_of[k] = row, stamp.ns, sample.status
+            if pose is not None:
+                self._rotation_of[k], self._position_of[k] = pose.rotation, pose.translation_mm
+        return rows
+
+    def _note_others(self, frame: TrackingFrame, outcomes: list[int]) -> None:
+        """Note samples of new edges, and those that are not plausible."""
+        known, refused = len(self._edges), []
+        for sample, outcome in zip(frame.poses, outcomes, strict=True):
+            edge = sample.target, sample.source
+            if outcome == TAKEN:
+                self._edges.setdefault(edge, self._rows[edge])
+            elif outcome == REFUSED:
+                refused.append(sample)
+        if refused:
+            plausible = tuple(sample for sample in frame.poses if sample not in refused)
+            self.accepted = replace(frame, poses=plausible)
+        if len(self._edges) > known:
+            self._are_checked = False
+            self._follow()
+
+    def pose(
+        self,
+        target: str,
+        source: str,
+        outer: Transform = _NO_TURN,
+        inner: Transform = _NO_TURN,
+    ) -> MeasuredPose:
+        """``target_from_source`` along the shortest path over measured edges.
+
+        The fixed poses ``outer`` and ``inner`` are multiplied from the left and from the right.
+        """
+        key = (target, source, outer, inner)
+        number = self._paths.get(key)
+        if number is None:
+            if len(self._paths) == _MAX_PATHS:
+                self._paths.clear()
+            number = self._paths[key] = len(self._paths)
+            self._follow()
+        if self._found is None:
+            self._found = self._verdicts.tolist()
+            self._rotations = self._followed["rotation"].copy()
+            self._positions = self._followed["position"].copy()
+            for array in (self._rotations, self._positions):
+                array.setflags(False)  # type: ignore[call-arg]  # quicker than by name
+        count, row, unchanged_ns, problems = self._found[number]
+        if count < 0 or self._now is None:
             return _UNKNOWN
-        oldest: Stamp | None = None
-        unchanged_ns = 0
-        problems = _NOTHING
-        poses = []
-        for edge in path:
-            state = self._edges[edge]
-            stamp = state.latest.stamp
-            if state.latest.transform is not None:
-                poses.append(state.latest.transform)
-            if oldest is None or stamp.ns < oldest.ns:
-                oldest = stamp
-            edge_unchanged_ns, edge_problems = self._verdict(edge, state)
-            if edge_unchanged_ns > unchanged_ns:
-                unchanged_ns = edge_unchanged_ns
-            if edge_problems:
-                problems |= edge_problems
-        transform = None if problems else product_along(target, poses)
-        return MeasuredPose(transform, oldest, unchanged_ns, problems)
+        sample, transform = None if row < 0 else self._latest[row], None
+        if not problems:
+            transform = Transform.of_read_only(
+                target if outer is _NO_TURN else outer.target,
+                source if inner is _NO_TURN else inner.source,
+                self._rotations[number],
+                self._positions[number],
+            )
+        stamp = None if sample is None else sample.stamp
+        return MeasuredPose(transform, stamp, unchanged_ns, _reasons(problems))
 
     def usable(self) -> dict[Edge, TrackedTransform | None]:
         """Latest sample of each edge; None for one that may not be used now."""
-        return {
-            edge: None if self._verdict(edge, state)[1] else state.latest
-            for edge, state in self._edges.items()
-        }
+        problems, latest = self._problems.tolist(), self._latest
+        return {edge: None if problems[row] else latest[row] for edge, row in self._edges.items()}
+
+    def implausible(self) -> dict[str, str]:
+        """The sensors on the checked paths that are not believed now: one line each, by name."""
+        found: dict[str, str] = {}
+        if True in self._refused.tolist():
+            for edge, row in self._rows.items():
+                state = self._state[row]
+                jump = jump_of(state["motion"]) if state["is_checked"] else None
+                if jump is not None:
+                    name = f"{edge[0]} -> {edge[1]}"
+                    found[name] = f"{name} {jump.text}"
+        return found
 
     def never_changed(self) -> tuple[Edge, ...]:
         """Edges (target, source) that are treated as fixed transforms so far."""
-        return tuple(edge for edge in self._edges if not self._has_to_move(edge))
+        moving = self._state["has_changed"] | self._state["has_sensor"]
+        return tuple(edge for edge, row in self._edges.items() if not moving[row])
 
     @property
     def edges(self) -> tuple[Edge, ...]:
@@ -207,75 +274,77 @@ class PoseTree:
         """Names of all frames of measured edges, in alphabetical order."""
         return tuple(sorted({name for edge in self._edges for name in edge}))
 
-    def _insert_sample(self, edge: Edge, sample: TrackedTransform, now: Stamp) -> _EdgeState | None:
-        """The state of the edge after ``sample``; None if a newer one is known."""
-        stamp = sample.stamp
-        stamp.age_ns(now)  # raises for another clock; below, only numbers are compared
-        state = self._edges.get(edge)
-        if state is None:
-            sensor = self._sensors.setdefault(edge, SensorRepetition())
-            state = self._edges[edge] = _EdgeState(sample, now, sensor)
-            self._paths.clear()
-        elif stamp.ns < state.latest.stamp.ns <= now.ns:
-            return None
-        if state.update(sample, now, self.limits):
-            self._changed.add(edge)
-        return state
+    def _add_edge(self, edge: Edge) -> int:
+        row = self._rows[edge] = len(self._rows)
+        self._latest.append(None)
+        self._trackers.setdefault(edge[0], len(self._trackers))
+        if row == len(self._state):
+            self._make_room(2 * row)
+        self._mark(edge)
+        return row
 
-    def _verdict(self, edge: Edge, state: _EdgeState) -> tuple[int, frozenset[Reason]]:
-        """Time without a change, as in `MeasuredPose`, and problems of ``edge``, once per frame.
+    def _make_room(self, count: int) -> None:
+        """Make room for ``count`` edges, each of another tracker; keep what is known."""
+        before, sources = self._state, self._sources
+        self._state, self._sources = np.zeros(count, EDGE), np.zeros(count, SOURCE_REPETITION)
+        begin_motion(self._state["motion"], self._motion)
+        self._state[: len(before)], self._sources[: len(sources)] = before, sources
+        self._problems, self._refused = self._state["problems"], self._state["motion"]["refused"]
 
-        Limits and moving frames may be replaced between two frames.
-        """
-        limits, moving = self._judged_by
-        if limits is not self.limits or moving is not self.moving_frames:
-            self._problems.clear()
-            self._judged_by = (self.limits, self.moving_frames)
-        found = self._problems.get(edge)
-        if found is None:
-            sensor, source, unchanged_ns = state.repetition, self._sources.get(edge[0]), 0
-            if sensor.repeats and self._has_to_move(edge):
-                unchanged_ns = sensor.unchanged_ns(self.limits, source)
-            problems = state.bad or self._age_problems(state.latest.stamp, unchanged_ns)
-            if sensor.repeats and source and source.is_stuck(self.limits.stale_after_ns):
-                problems |= _FROZEN
-            found = self._problems[edge] = unchanged_ns, problems
-        return found
-
-    def _has_to_move(self, edge: Edge) -> bool:
+    def _mark(self, edge: Edge) -> None:
         target, source = edge
-        frames = self.moving_frames
-        return edge in self._changed or target in frames or source in frames
+        state, moving = self._state[self._rows[edge]], self._moving
+        state["source"] = self._trackers[target]
+        state["has_sensor"] = target in moving or source in moving
+        state["is_shown_only"] = source in self._shown and source not in moving
 
-    def _is_shown_only(self, frame: str) -> bool:
-        return frame in self.shown_frames and frame not in self.moving_frames
+    def _check_paths(self) -> None:
+        """Mark the edges on the checked paths over those that are known so far."""
+        self._are_checked = True
+        paths = [shortest_path(self._edges, *ends) or () for ends in self._checked]
+        self._state["is_checked"] = False
+        for row in {self._edges[edge] for path in paths for edge in path}:
+            self._state[row]["is_checked"] = True
 
-    def _age_problems(self, stamp: Stamp, unchanged_ns: int) -> frozenset[Reason]:
-        assert self._now is not None, "edges are known"
-        freshness = freshness_of(stamp.ns, self._now.ns, self.limits, unchanged_ns)
-        if freshness is Freshness.VALID:
-            return _NOTHING
-        problems = frozenset({REASON_OF_FRESHNESS[freshness]})
-        # A frozen sensor whose samples also come late is reported with both reasons.
-        return problems | _FROZEN if self.limits.is_frozen(unchanged_ns) else problems
+    def _restart(self) -> None:
+        """Drop all samples: the clock went back. What was learned of the sensors is kept."""
+        self._edges.clear()
+        for name in ("is_known", "is_good", "is_seen"):
+            self._state[name] = False
+        restart(self._state["repetition"], self._sources)
+        restart_motion(self._state["motion"])
+        self._are_checked = False
+        self._follow()
 
-    def _path(self, target: str, source: str) -> tuple[Edge, ...] | None:
-        ends = (target, source)
-        if ends not in self._paths:
-            self._paths[ends] = shortest_path(self._edges, target, source)
-        return self._paths[ends]
+    def _follow(self) -> None:
+        """Find the paths anew, over the edges that are known now, and follow them."""
+        steps: list[tuple[int, int]] = []
+        self._followed: State = np.zeros(len(self._paths), PATH)
+        for path, (target, source, *fixed) in zip(self._followed, self._paths, strict=True):
+            edges = shortest_path(self._edges, target, source)
+            path["first"], path["count"] = len(steps), -1 if edges is None else len(edges)
+            for name, pose in zip(("outer", "inner"), fixed, strict=True):
+                path[f"{name}_rotation"] = pose.rotation
+                path[f"{name}_position"] = pose.translation_mm
+            for edge in edges or ():
+                steps.append((self._edges[edge], int(edge[0] != target)))
+                target = edge[1] if edge[0] == target else edge[0]
+        self._steps: Steps = np.array(steps, np.int64).reshape(-1, 2)
+        follow_paths(self._followed, self._steps, self._state)
+        numbers = self._followed.view(np.int64).reshape(-1, PATH.itemsize // 8)
+        self._verdicts = numbers[:, 1:5]  # count to problems: all fields have 8 bytes
+        self._found = None
+
+
+@cache
+def _reasons(problems: int) -> frozenset[Reason]:
+    """The reasons whose bits are set."""
+    return frozenset(reason for k, reason in enumerate(REASONS) if problems >> k & 1)
 
 
 def oldest(poses: Iterable[MeasuredPose]) -> Stamp | None:
     """The earliest acquisition stamp of the samples of all ``poses``; None without a sample."""
     return min([pose.oldest for pose in poses if pose.oldest is not None], default=None)
-
-
-def is_too_far(position_mm: list[float]) -> bool:
-    """True for a position (3,) beyond `MAX_TRANSLATION_MM`, which no tracker has measured."""
-    x, y, z = position_mm
-    limit = MAX_TRANSLATION_MM
-    return not (-limit <= x <= limit and -limit <= y <= limit and -limit <= z <= limit)
 
 
 def is_sampled(name: str, frame: TrackingFrame) -> bool:

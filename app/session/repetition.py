@@ -5,11 +5,13 @@ number for all of them would call a resting sensor frozen, or a stuck one curren
 """
 
 import math
-from collections import deque
-from dataclasses import dataclass, field
-from itertools import pairwise
 
-from app.geometry import FreshnessLimits, Transform
+import numpy as np
+
+from app.fixture.jit import inlined, kernel
+from app.fixture.vectors import point_distance
+from app.geometry import FloatArray
+from app.session.sensor_motion import Record, State
 
 IMPROBABLE = 1e-2
 """A run of repetitions that is less probable than this carries no information: it is old data."""
@@ -40,8 +42,10 @@ MIN_CHANGES = 30
 MIN_SENSORS = 2
 """Sensors of a tracker that must repeat together to say something on their source."""
 
+_CHANGES_AT_REST = 1.0
 _CHANGES_IN_MOTION = 100.0
-"""A sensor in motion does not repeat, until its source is known to send poses twice."""
+"""Prior changes to one repetition. A sensor in motion does not repeat, until its source is known to
+send poses twice."""
 
 _POSITIONS = 4
 _STRAIGHT = 0.7
@@ -49,232 +53,304 @@ _MIN_STEPS = 2.0
 _STEP_OF_AXES = math.sqrt(2.0) * math.radians(0.25)
 """Change of a rotation matrix for 0.25 degrees, more than trackers quantise angles to."""
 
+_HISTORY = np.dtype(
+    [
+        ("repeats", np.float64),  # samples that repeated the one before, in runs that have ended,
+        ("changes", np.float64),  # and samples that differed from it
+        ("runs", np.int64),
+        ("longest_ns", np.int64, CONFIRMED_BY),  # durations of the longest runs, longest first
+    ],
+    align=True,
+)
+"""Counts of samples. A run is a series of repetitions that ended with a change: the sensor was
+alive."""
 
-@dataclass(slots=True)
-class RepetitionHistory:
-    """Counts of samples that repeated the one before and of samples that differed from it.
+SENSOR_REPETITION = np.dtype(
+    [
+        ("at_rest", _HISTORY),
+        ("in_motion", _HISTORY),
+        ("repeats", np.int64),  # of the run that goes on, as the next one
+        ("duration_ns", np.int64),
+        ("moving", np.bool_),  # True if the sensor was in motion at its last change
+        ("step_mm", np.float64),  # the smallest change of the position, 0 before the first one
+        ("count", np.int64),  # of changes: change k, when and where it was and how far in mm from
+        ("ns", np.int64, _POSITIONS),  # the one before, is kept at k modulo `_POSITIONS`
+        ("at", np.float64, (_POSITIONS, 3)),
+        ("rotation", np.float64, (_POSITIONS, 3, 3)),
+        ("way_mm", np.float64, _POSITIONS),
+    ],
+    align=True,
+)
+"""History of one sensor, at rest and in motion, and the run of repetitions that goes on.
 
-    A run is a series of repetitions that ended with a change: the sensor was alive.
+A sensor is in motion if its last changes led into one direction and the next sample, at that speed,
+lies at least two quantisation steps away. The smallest change of the position in its history is the
+step.
+"""
+
+SOURCE_REPETITION = np.dtype(
+    [
+        ("together", _HISTORY),  # frames in which all sensors repeated, against all others
+        ("any_repeats", np.float64),
+        ("frames", np.float64),
+        ("repeats", np.int64),
+        ("duration_ns", np.int64),
+        ("sensors", np.int64),  # measured in this frame; the shortest and the longest time in ns
+        ("shortest_ns", np.int64),  # since the last change of one of them
+        ("longest_ns", np.int64),
+    ],
+    align=True,
+)
+"""History of the frames of one tracker, in which two sensors or more were measured."""
+
+
+@kernel
+def add_change(history: Record) -> None:
+    """Count a sample that differs from the one before."""
+    history["changes"] += 1.0
+    if history["changes"] + history["repeats"] > MAX_SAMPLES:
+        history["changes"] /= 2.0
+        history["repeats"] /= 2.0
+
+
+@kernel
+def add_run(history: Record, repeats: int, duration_ns: int) -> None:
+    """Count a run of ``repeats`` samples that has ended after ``duration_ns``."""
+    history["repeats"] += repeats
+    history["runs"] += 1
+    longest_ns = history["longest_ns"]
+    for k in range(CONFIRMED_BY):
+        if duration_ns > longest_ns[k]:
+            longest_ns[k], duration_ns = duration_ns, longest_ns[k]
+
+
+@kernel
+def is_known_to_repeat(history: Record) -> bool:
+    """True if several runs have ended and repetitions are no exception."""
+    share = history["repeats"] / max(1.0, history["repeats"] + history["changes"])
+    return bool(history["runs"] >= CONFIRMED_BY and share >= REPEATS_AT_REST)
+
+
+@kernel
+def is_improbable(history: Record, prior_changes: float, repeats: int, duration_ns: int) -> bool:
+    """True for a run longer than any known one whose probability is below `IMPROBABLE`.
+
+    Known is a duration that `CONFIRMED_BY` runs have reached.
     """
-
-    repeats: float = 0.0
-    changes: float = 0.0
-    runs: int = 0
-    longest_ns: list[int] = field(default_factory=list)
-    """Durations of the `CONFIRMED_BY` longest runs, longest first."""
-    prior_changes: float = 1.0
-    """Changes to one repetition that are assumed before there is a history."""
-
-    def add_change(self) -> None:
-        """Count a sample that differs from the one before."""
-        self.changes += 1.0
-        if self.changes + self.repeats > MAX_SAMPLES:
-            self.changes, self.repeats = self.changes / 2.0, self.repeats / 2.0
-
-    def add_run(self, repeats: int, duration_ns: int) -> None:
-        """Count a run of ``repeats`` samples that has ended after ``duration_ns``."""
-        self.repeats += repeats
-        self.runs += 1
-        self.longest_ns = sorted((*self.longest_ns, duration_ns), reverse=True)[:CONFIRMED_BY]
-
-    @property
-    def known_ns(self) -> int:
-        """Duration that `CONFIRMED_BY` runs have reached; 0 without as many runs."""
-        return self.longest_ns[-1] if len(self.longest_ns) == CONFIRMED_BY else 0
-
-    @property
-    def is_known_to_repeat(self) -> bool:
-        """True if several runs have ended and repetitions are no exception."""
-        share = self.repeats / max(1.0, self.repeats + self.changes)
-        return self.runs >= CONFIRMED_BY and share >= REPEATS_AT_REST
-
-    def is_improbable(self, repeats: int, duration_ns: int) -> bool:
-        """True for a run longer than any known one whose probability is below `IMPROBABLE`."""
-        return duration_ns > self.known_ns and self.probability(repeats) < IMPROBABLE
-
-    def probability(self, repeats: int) -> float:
-        """Probability that a run reaches ``repeats``, from the counts and the prior.
-
-        Beta-binomial prediction: product of (k + 1 + i) / (n + 1 + b + i) over the repeats, with k
-        repetitions in n samples and b ``prior_changes``. With b = 1, a uniform prior, it is
-        1 / (repeats + 1) without a history: nothing is improbable.
-        """
-        k = self.repeats + 1.0
-        n = k + self.changes + self.prior_changes
-        log = math.lgamma(k + repeats) - math.lgamma(k) + math.lgamma(n) - math.lgamma(n + repeats)
-        return math.exp(log)
+    if duration_ns <= history["longest_ns"][CONFIRMED_BY - 1]:
+        return False
+    return probability(history, prior_changes, repeats) < IMPROBABLE
 
 
-@dataclass(slots=True)
-class SensorRepetition:
-    """History of one sensor, at rest and in motion, and the run of repetitions that goes on.
+@kernel
+def probability(history: Record, prior_changes: float, repeats: int) -> float:
+    """Probability that a run reaches ``repeats``, from the counts and the prior.
 
-    A sensor is in motion if its last changes led into one direction and the next sample, at that
-    speed, lies at least two quantisation steps away. The smallest change of the position in its
-    history is the step.
+    Beta-binomial prediction: product of (k + 1 + i) / (n + 1 + b + i) over the repeats, with k
+    repetitions in n samples and b ``prior_changes``, the changes to one repetition that are assumed
+    before there is a history. With b = 1, a uniform prior, it is 1 / (repeats + 1) without a
+    history: nothing is improbable.
     """
-
-    at_rest: RepetitionHistory = field(default_factory=RepetitionHistory)
-    in_motion: RepetitionHistory = field(
-        default_factory=lambda: RepetitionHistory(prior_changes=_CHANGES_IN_MOTION)
-    )
-    repeats: int = 0
-    duration_ns: int = 0
-    moving: bool = False
-    """True if the sensor was in motion at its last change."""
-    _step_mm: float = math.inf
-    _last: deque[tuple[int, list[float], Transform, float]] = field(
-        default_factory=lambda: deque(maxlen=_POSITIONS)
-    )
-    """Time, position and pose of the last changes, and the distance from the one before in mm."""
-
-    def repeat(self, duration_ns: int) -> None:
-        """Count a sample that repeats the pose of ``duration_ns`` ago."""
-        if duration_ns <= self.duration_ns:
-            return  # the same sample again
-        if self.repeats == 0 and not self.moving:
-            self.moving = self._is_turning()
-        self.repeats += 1
-        self.duration_ns = duration_ns
-
-    def begin(self, pose: Transform, position_mm: list[float], at_ns: int) -> None:
-        """Note the first pose, which neither repeats nor changes one."""
-        self._last.append((at_ns, position_mm, pose, 0.0))
-
-    def change(
-        self, pose: Transform, position_mm: list[float], at_ns: int, limits: FreshnessLimits
-    ) -> None:
-        """Count a sample with another pose, which ends a run; a frozen run is not learned.
-
-        ``position_mm`` is that of ``pose``.
-        """
-        history, last = self.in_motion if self.moving else self.at_rest, self._last
-        if self.repeats:
-            if not limits.is_frozen(self.unchanged_ns(limits)):
-                history.add_run(self.repeats, self.duration_ns)
-            self.repeats = self.duration_ns = 0
-        history.add_change()
-        step_mm = 0.0
-        if last:
-            step_mm = math.dist(last[-1][1], position_mm)
-            if 0.0 < step_mm < self._step_mm:
-                self._step_mm = step_mm
-        last.append((at_ns, position_mm, pose, step_mm))
-        self.moving = False
-        if len(last) == _POSITIONS:
-            first, second, third, _ = last
-            path_mm = second[3] + third[3] + step_mm
-            net_mm = math.dist(first[1], position_mm)
-            self.moving = _leads_on(first[0], third[0], at_ns, path_mm, net_mm, self._step_mm)
-
-    def restart(self) -> None:
-        """Forget the present run and motion, not the history: the clock has jumped."""
-        self.repeats = self.duration_ns = 0
-        self.moving = False
-        self._last.clear()
-
-    def unchanged_ns(
-        self, limits: FreshnessLimits, source: "SourceRepetition | None" = None
-    ) -> int:
-        """Time in ns since the last change if the repetition is improbable, otherwise 0.
-
-        A run is improbable by the sensor's own history, or because all sensors of ``source`` repeat
-        for improbably long. A value above ``limits.frozen_after_ns`` is frozen: every run that is
-        longer, except that of a sensor which rests and is known to repeat at rest. That one is
-        frozen after `REST_LIMIT` times the limit, or when all sensors repeat for longer than the
-        limit.
-        """
-        duration_ns, frozen_ns = self.duration_ns, limits.frozen_after_ns
-        if self.repeats == 0:
-            return 0
-        history = self._history()
-        all_improbable = source is not None and source.is_improbable()
-        improbable = all_improbable or history.is_improbable(self.repeats, duration_ns)
-        if frozen_ns is None:
-            return duration_ns if improbable else 0
-        all_frozen = source is not None and all_improbable and source.duration_ns > frozen_ns
-        rests = not self.moving and history.is_known_to_repeat and not all_frozen
-        if duration_ns > (REST_LIMIT * frozen_ns if rests else frozen_ns):
-            return duration_ns
-        return min(duration_ns, frozen_ns) if improbable else 0
-
-    def _history(self) -> RepetitionHistory:
-        return self.in_motion if self.moving else self.at_rest
-
-    def _is_turning(self) -> bool:
-        """True if the orientation was in motion; computed when a run begins, which is rare."""
-        if len(self._last) < _POSITIONS:
-            return False
-        axes = [pose.rotation.ravel().tolist() for _, _, pose, _ in self._last]
-        path = sum(math.dist(a, b) for a, b in pairwise(axes))
-        times = [each[0] for each in self._last]
-        net = math.dist(axes[0], axes[-1])
-        return _leads_on(times[0], times[-2], times[-1], path, net, _STEP_OF_AXES)
+    k = history["repeats"] + 1.0
+    n = k + history["changes"] + prior_changes
+    log = math.lgamma(k + repeats) - math.lgamma(k) + math.lgamma(n) - math.lgamma(n + repeats)
+    return math.exp(log)
 
 
-@dataclass(slots=True)
-class SourceRepetition:
-    """History of the frames of one tracker, in which two sensors or more were measured."""
-
-    together: RepetitionHistory = field(default_factory=RepetitionHistory)
-    """Frames in which all sensors repeated, against all others."""
-    any_repeats: float = 0.0
-    frames: float = 0.0
-    repeats: int = 0
-    duration_ns: int = 0
-
-    def observe(self, durations_ns: list[int], stale_after_ns: int) -> None:
-        """Count a frame with the time since the last change of each of its sensors, 0 for a change.
-
-        A frame with one sensor counts only if it changed: it ends a run.
-        """
-        shortest_ns = min(durations_ns)
-        if len(durations_ns) < MIN_SENSORS and (shortest_ns or not self.repeats):
-            return
-        if shortest_ns:
-            self.repeats += 1
-            self.duration_ns = shortest_ns
-            return
-        if self.repeats and not self.is_stuck(stale_after_ns):
-            self.together.add_run(self.repeats, self.duration_ns)
-            self.any_repeats += self.repeats
-            self.frames += self.repeats
-        self.repeats = self.duration_ns = 0
-        self.together.add_change()
-        self.frames += 1.0
-        self.any_repeats += any(durations_ns)
-        if self.frames > MAX_SAMPLES:
-            self.frames, self.any_repeats = self.frames / 2.0, self.any_repeats / 2.0
-
-    def restart(self) -> None:
-        """Forget the present run, not the history: the clock has jumped."""
-        self.repeats = self.duration_ns = 0
-
-    def is_improbable(self) -> bool:
-        """True if all sensors repeat, for longer than is probable in the source's history."""
-        return self.repeats > 0 and self.together.is_improbable(self.repeats, self.duration_ns)
-
-    def is_stuck(self, stale_after_ns: int) -> bool:
-        """True if all sensors repeat, for longer than data may be old, and never did before.
-
-        The share of frames in which any sensor repeated is the bound for one repetition of all:
-        a tool that comes to rest for the first time quantises as the other sensors do.
-        """
-        if self.duration_ns <= stale_after_ns or self.frames - self.any_repeats < MIN_CHANGES:
-            return False
-        share = (self.any_repeats + 1.0) / (self.frames + 2.0)
-        return share**self.repeats < STUCK
+@kernel
+def repeat(sensor: Record, duration_ns: int) -> None:
+    """Count a sample that repeats the pose of ``duration_ns`` ago."""
+    if duration_ns <= sensor["duration_ns"]:
+        return  # the same sample again
+    if sensor["repeats"] == 0 and not sensor["moving"]:
+        sensor["moving"] = _is_turning(sensor)
+    sensor["repeats"] += 1
+    sensor["duration_ns"] = duration_ns
 
 
-def _leads_on(
-    first_ns: int, before_ns: int, last_ns: int, path: float, net: float, step: float
-) -> bool:
+@kernel
+def change(
+    sensor: Record, rotation: FloatArray, position_mm: FloatArray, at_ns: int, frozen_after_ns: int
+) -> None:
+    """Count a sample with another pose, which ends a run; a frozen run is not learned.
+
+    ``rotation`` (3, 3) and ``position_mm`` (3,) are that pose.
+    """
+    history = sensor["in_motion"] if sensor["moving"] else sensor["at_rest"]
+    if sensor["repeats"]:
+        if unchanged_ns(sensor, False, 0, frozen_after_ns) <= frozen_after_ns:
+            add_run(history, sensor["repeats"], sensor["duration_ns"])
+        sensor["repeats"] = sensor["duration_ns"] = 0
+    add_change(history)
+    step_mm, count = 0.0, sensor["count"]
+    if count > 0:
+        step_mm = _distance_mm(sensor["at"][(count - 1) % _POSITIONS], position_mm)
+        if step_mm > 0.0 and not 0.0 < sensor["step_mm"] <= step_mm:
+            sensor["step_mm"] = step_mm
+    keep_change(sensor, rotation, position_mm, at_ns, step_mm)
+    sensor["moving"] = False
+    if count + 1 >= _POSITIONS:
+        path_mm = step_mm
+        for k in range(count - 2, count):
+            path_mm += sensor["way_mm"][k % _POSITIONS]
+        net_mm = _distance_mm(sensor["at"][(count + 1) % _POSITIONS], position_mm)
+        sensor["moving"] = _leads_on(sensor, path_mm, net_mm, sensor["step_mm"])
+
+
+@kernel
+def keep_change(
+    sensor: Record, rotation: FloatArray, position_mm: FloatArray, at_ns: int, way_mm: float
+) -> None:
+    """Keep a change, ``way_mm`` from the one before; 0 for the first pose, which changes none."""
+    new = sensor["count"] % _POSITIONS
+    sensor["count"] += 1
+    sensor["ns"][new], sensor["way_mm"][new] = at_ns, way_mm
+    copy_pose(rotation, position_mm, sensor["rotation"][new], sensor["at"][new])
+
+
+@inlined
+def copy_pose(
+    rotation: FloatArray, position_mm: FloatArray, new: FloatArray, new_mm: FloatArray
+) -> None:
+    """Copy a rotation (3, 3) and a position (3,) to ``new`` and ``new_mm``."""
+    for i in range(3):
+        new_mm[i] = position_mm[i]
+        for j in range(3):
+            new[i, j] = rotation[i, j]
+
+
+def restart(sensors: State, sources: State) -> None:
+    """Forget the present runs and motions, not the histories: the clock has jumped.
+
+    ``sensors`` (n,) and ``sources`` (m,) are records of the two kinds.
+    """
+    for each in (sensors, sources):
+        each["repeats"] = each["duration_ns"] = 0
+    sensors["moving"], sensors["count"] = False, 0
+
+
+@kernel
+def unchanged_ns(
+    sensor: Record, all_improbable: bool, all_repeat_ns: int, frozen_after_ns: int
+) -> int:
+    """Time in ns since the last change if the repetition is improbable, otherwise 0.
+
+    A run is improbable by the sensor's own history, or because all sensors of its source repeat for
+    improbably long (``all_improbable``), since ``all_repeat_ns``. A value above ``frozen_after_ns``
+    is frozen: every run that is longer, except that of a sensor which rests and is known to repeat
+    at rest. That one is frozen after `REST_LIMIT` times the limit, or when all sensors repeat for
+    longer than the limit.
+    """
+    repeats, duration_ns = sensor["repeats"], sensor["duration_ns"]
+    if repeats == 0:
+        return 0
+    moving = sensor["moving"]
+    history = sensor["in_motion"] if moving else sensor["at_rest"]
+    prior_changes = _CHANGES_IN_MOTION if moving else _CHANGES_AT_REST
+    improbable = all_improbable or is_improbable(history, prior_changes, repeats, duration_ns)
+    all_frozen = all_improbable and all_repeat_ns > frozen_after_ns
+    rests = not moving and is_known_to_repeat(history) and not all_frozen
+    if duration_ns > (REST_LIMIT * frozen_after_ns if rests else frozen_after_ns):
+        return int(duration_ns)
+    return int(min(duration_ns, frozen_after_ns)) if improbable else 0
+
+
+@kernel
+def _is_turning(sensor: Record) -> bool:
+    """True if the orientation was in motion; computed when a run begins, which is rare."""
+    if sensor["count"] < _POSITIONS:
+        return False
+    path, turns, first = 0.0, sensor["rotation"], sensor["count"]
+    for k in range(first, first + _POSITIONS - 1):
+        path += _distance_of_axes(turns[k % _POSITIONS], turns[(k + 1) % _POSITIONS])
+    net = _distance_of_axes(turns[first % _POSITIONS], turns[(first - 1) % _POSITIONS])
+    return _leads_on(sensor, path, net, _STEP_OF_AXES)
+
+
+@kernel
+def _leads_on(sensor: Record, path: float, net: float, step: float) -> bool:
     """True for a straight path whose next sample is at least two steps away at its mean speed.
 
-    ``path`` is the length through all points, ``net`` that from the first to the last of them;
-    ``before_ns`` is the time of the last but one.
+    ``path`` is the length through all points that are kept, ``net`` that from the first to the last
+    of them. A ``step`` of 0 is not known.
     """
-    elapsed_ns = last_ns - first_ns
-    if elapsed_ns <= 0 or net < _STRAIGHT * path:
+    ns, first = sensor["ns"], sensor["count"]
+    last_ns = ns[(first - 1) % _POSITIONS]
+    elapsed_ns, since_ns = last_ns - ns[first % _POSITIONS], last_ns - ns[(first - 2) % _POSITIONS]
+    if elapsed_ns <= 0 or net < _STRAIGHT * path or step == 0.0:
         return False
-    return net * (last_ns - before_ns) >= _MIN_STEPS * step * elapsed_ns
+    return bool(net * since_ns >= _MIN_STEPS * step * elapsed_ns)
+
+
+@inlined
+def _distance_mm(first: FloatArray, second: FloatArray) -> float:
+    return point_distance((first[0], first[1], first[2]), (second[0], second[1], second[2]))
+
+
+@kernel
+def _distance_of_axes(first: FloatArray, second: FloatArray) -> float:
+    """Frobenius norm of the difference of two rotations (3, 3)."""
+    squared = 0.0
+    for i in range(3):
+        for j in range(3):
+            squared += (first[i, j] - second[i, j]) ** 2
+    return math.sqrt(squared)
+
+
+@kernel
+def note_sensor(source: Record, duration_ns: int) -> None:
+    """Add to the frame a sensor with the time since its last change, 0 for a change."""
+    if source["sensors"] == 0:
+        source["shortest_ns"] = source["longest_ns"] = duration_ns
+    source["sensors"] += 1
+    source["shortest_ns"] = min(source["shortest_ns"], duration_ns)
+    source["longest_ns"] = max(source["longest_ns"], duration_ns)
+
+
+@kernel
+def end_frame(source: Record, stale_after_ns: int) -> None:
+    """Count the frame of the sensors that were noted.
+
+    A frame with one sensor counts only if it changed: it ends a run.
+    """
+    sensors, shortest_ns, repeats = source["sensors"], source["shortest_ns"], source["repeats"]
+    source["sensors"] = 0
+    if sensors == 0 or (sensors < MIN_SENSORS and (shortest_ns or not repeats)):
+        return
+    if shortest_ns:
+        source["repeats"] += 1
+        source["duration_ns"] = shortest_ns
+        return
+    if repeats and not is_stuck(source, stale_after_ns):
+        add_run(source["together"], repeats, source["duration_ns"])
+        source["any_repeats"] += repeats
+        source["frames"] += repeats
+    source["repeats"] = source["duration_ns"] = 0
+    add_change(source["together"])
+    source["frames"] += 1.0
+    source["any_repeats"] += 1.0 if source["longest_ns"] else 0.0
+    if source["frames"] > MAX_SAMPLES:
+        source["frames"] /= 2.0
+        source["any_repeats"] /= 2.0
+
+
+@kernel
+def do_all_repeat_improbably(source: Record) -> bool:
+    """True if all sensors repeat, for longer than is probable in the source's history."""
+    repeats = source["repeats"]
+    history, duration_ns = source["together"], source["duration_ns"]
+    return bool(repeats > 0 and is_improbable(history, _CHANGES_AT_REST, repeats, duration_ns))
+
+
+@kernel
+def is_stuck(source: Record, stale_after_ns: int) -> bool:
+    """True if all sensors repeat, for longer than data may be old, and never did before.
+
+    The share of frames in which any sensor repeated is the bound for one repetition of all: a tool
+    that comes to rest for the first time quantises as the other sensors do.
+    """
+    any_repeats, frames = source["any_repeats"], source["frames"]
+    if source["duration_ns"] <= stale_after_ns or frames - any_repeats < MIN_CHANGES:
+        return False
+    share = (any_repeats + 1.0) / (frames + 2.0)
+    return bool(share ** float(source["repeats"]) < STUCK)

@@ -2,14 +2,14 @@
 
 import math
 from dataclasses import astuple, dataclass, fields
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.fixture.jit import inlined, kernel
 from app.fixture.vectors import Vector, add, add_scaled, dot, length, row, sub, turn_between
-from app.geometry import NS_PER_MS, NS_PER_S, FloatArray, InputError, Transform
+from app.geometry import NS_PER_MS, NS_PER_S, FloatArray, InputError
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,9 +130,12 @@ MAX_POSES = 128
 """Poses within `WINDOW_NS` that are kept: at rates above 6 kHz the window is shorter."""
 
 State: TypeAlias = NDArray[np.void]
-"""An array (1,) of records, and in a kernel its record."""
+"""An array of records, and in a kernel one of them."""
 
-_SENSOR = np.dtype(
+Record: TypeAlias = Any
+"""One record: its fields are numbers and arrays."""
+
+SENSOR_MOTION = np.dtype(
     [
         ("count", np.int64),  # of the plausible poses that are kept: the last one, the others for
         ("ns", np.int64, MAX_POSES),  # its velocity. When each was first measured,
@@ -145,66 +148,57 @@ _SENSOR = np.dtype(
         ("refused", np.bool_),  # True until consecutive samples agree with each other again
         ("refused_ns", np.int64),
         ("agreeing", np.int64),
-        ("jump", np.float64, 4),  # `Jump`
+        ("jump", np.float64, 4),  # `Jump`: the last refused pose
     ],
     align=True,
 )
+"""Prediction of one sensor at constant velocity, with a gate around the predicted path.
+
+The velocity is that over the last `WINDOW_NS`, W, or over the last interval where samples are
+further apart. With an acceleration of at most ``a`` the sensor is within ``a t (t + W) / 2`` of
+the predicted path after the time ``t``. The gate adds `SIGMAS` of the prediction: the noise of
+three poses, learned by `learned_variance`. The path begins at the last pose, because a tool
+that hits something stops at once, and is longer than ``t`` at both ends by `STAMP_ERROR_S`. No
+pose may be further from the last one than the largest speed allows. The same holds for
+rotation.
+
+Exact repetitions of a pose carry no motion: time counts from the first of them as far as the
+driver of this sensor is known to repeat poses while it moves.
+"""
 
 
-class SensorMotion:
-    """Prediction of one sensor at constant velocity, with a gate around the predicted path.
+def begin_motion(sensors: State, limits: MotionLimits) -> None:
+    """Begin records (n,) of sensors of which nothing is known."""
+    sensors["variance"], sensors["limits"] = np.square(_MAX_SIGMA), astuple(limits)
 
-    The velocity is that over the last `WINDOW_NS`, W, or over the last interval where samples are
-    further apart. With an acceleration of at most ``a`` the sensor is within ``a t (t + W) / 2`` of
-    the predicted path after the time ``t``. The gate adds `SIGMAS` of the prediction: the noise of
-    three poses, learned by `learned_variance`. The path begins at the last pose, because a tool
-    that hits something stops at once, and is longer than ``t`` at both ends by `STAMP_ERROR_S`. No
-    pose may be further from the last one than the largest speed allows. The same holds for
-    rotation.
 
-    Exact repetitions of a pose carry no motion: time counts from the first of them as far as the
-    driver of this sensor is known to repeat poses while it moves.
-    """
+def restart_motion(sensors: State) -> None:
+    """Forget all poses, after the source's clock has jumped back; the noise is kept."""
+    sensors["count"] = 0
 
-    def __init__(self, limits: MotionLimits) -> None:
-        self._state: State = np.zeros(1, _SENSOR)
-        self._state["variance"] = np.square(_MAX_SIGMA)
-        self.use(limits)
-        self.believed = True
-        """False from a refused pose on until consecutive samples agree with each other again."""
 
-    def use(self, limits: MotionLimits) -> None:
-        """Replace the limits."""
-        self._state["limits"] = astuple(limits)
-
-    @property
-    def jump(self) -> Jump | None:
-        """The last refused pose while the sensor is not believed."""
-        if self.believed:
-            return None
-        off, allowed, gap_ns, turned = self._state["jump"][0].tolist()
-        return Jump(off, allowed, int(gap_ns), bool(turned))
-
-    def restart(self) -> None:
-        """Forget all poses, after the source's clock has jumped back; the noise is kept."""
-        self._state["count"] = 0
-
-    def update(self, pose: Transform, ns: int) -> bool:
-        """Take the pose measured at ``ns``; return True if it may be used."""
-        self.believed = _update(self._state, pose.rotation, pose.translation_mm, ns)
-        return self.believed
+def jump_of(sensor: Record) -> Jump | None:
+    """The last refused pose while the sensor, a record, is not believed."""
+    if not sensor["refused"]:
+        return None
+    off, allowed, gap_ns, turned = sensor["jump"].tolist()
+    return Jump(off, allowed, int(gap_ns), bool(turned))
 
 
 @kernel
-def _update(state: State, rotation: FloatArray, position: FloatArray, ns: int) -> bool:
-    """`SensorMotion.update` for a pose: ``rotation`` (3, 3), ``position`` (3,) in mm."""
-    s, place = state[0], (position[0], position[1], position[2])
+def update_motion(s: Record, rotation: FloatArray, position: FloatArray, ns: int) -> bool:
+    """Take the pose measured at ``ns``; return True if it may be used.
+
+    ``rotation`` is (3, 3), ``position`` (3,) in mm. After a refused pose none may be used until
+    consecutive samples agree with each other again.
+    """
+    place = (position[0], position[1], position[2])
     last = s["count"] - 1
     if last < 0 or ns - s["last_ns"] > FORGET_NS:
         _begin(s, rotation, place, ns)
         return _is_believed(s, ns)
     moved = sub(place, row(s["at"][last], 0))
-    if moved != _NONE or not _is_same(s["rotation"], rotation):
+    if moved != _NONE or not is_same_rotation(s["rotation"], rotation):
         turn = turn_between(s["rotation"], rotation)
         if not _is_plausible(s, moved, turn, ns):
             s["refused"], s["refused_ns"], s["agreeing"] = True, ns, 0
@@ -222,7 +216,8 @@ _NONE: Vector = (0.0, 0.0, 0.0)
 
 
 @inlined
-def _is_same(first: FloatArray, second: FloatArray) -> bool:
+def is_same_rotation(first: FloatArray, second: FloatArray) -> bool:
+    """True if all digits of two rotations (3, 3) are the same."""
     same = True
     for i in range(3):
         for j in range(3):

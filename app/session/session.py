@@ -7,15 +7,16 @@ from types import MappingProxyType
 
 from app.case import TrackingFrame
 from app.fixture import Reason
-from app.geometry import Edge, FrameError, Stamp, Transform
+from app.geometry import Edge, FrameError, FreshnessLimits, Stamp, Transform
 from app.hold import Hold, tightest_margins
 from app.session.combined_decision import CombinedDecision
 from app.session.far_structures import FarDistance, FarStructures
 from app.session.link_poses import RobotLinks
 from app.session.loosening import AcknowledgedSetup
 from app.session.named_frames import base_measured_problem
-from app.session.pose_plausibility import Plausibility
+from app.session.pose_plausibility import Plausibility, motion_limits
 from app.session.pose_tree import MeasuredPose, PoseTree, oldest
+from app.session.sensor_motion import MotionLimits
 from app.session.setup import REFERENCE, SessionSetup
 from app.session.step_result import StepResult, known_edges
 from app.session.structure import Structure, StructureStep
@@ -40,11 +41,7 @@ class Session:
         self.setup = self.requested = setup
         self._free_motion = free_motion
         self._static_edges = setup.static_edges
-        self._poses = PoseTree(
-            limits=setup.margins.freshness_limits,
-            moving_frames=setup.moving_frames,
-            shown_frames=setup.shown_frames,
-        )
+        self._poses = PoseTree(*_tracked(setup))
         self._tool_frames = _tool_frames(setup)
         self._guards = [self._guard(each) for each in setup.guarded]
         self._combined = CombinedDecision()
@@ -80,27 +77,24 @@ class Session:
 
     def _step(self, frame: TrackingFrame, outside: Mapping[Reason, str]) -> StepResult:
         self._index += 1
-        plausible = self._plausibility.remove_implausible(frame, self._poses)
-        problems = self._poses.insert(plausible)
+        problems = self._poses.insert(frame)
         if problems:  # the clock went back
             for guard in self._guards:
                 guard.forget_path()
             if self._far is not None:
                 self._far.forget_path()
-        tool = self.setup.tool_from_tip.target
-        tools = {frame: self._poses.pose(frame, tool) for frame in self._tool_frames}
-        in_reference, reference_from_tip = tools[REFERENCE], None
-        if in_reference.transform is not None:
-            reference_from_tip = in_reference.transform @ self.setup.tool_from_tip
+        tip = self.setup.tool_from_tip
+        tips = {
+            frame: self._poses.pose(frame, tip.target, inner=tip) for frame in self._tool_frames
+        }
+        reference_from_tip = tips[REFERENCE].transform
         links, robot_problem = self._links.at(frame, reference_from_tip, self._poses.limits)
         drift = self._plausibility.drift(links, self._links.joints, reference_from_tip, frame.stamp)
         found = {**self._plausibility.faults(self._poses, frame.stamp), **outside}
         if self._is_base_measured():
             problems |= {Reason.REGISTRATION_REFUSED}
-        observed, far = self._observe(
-            frame.stamp, tools, reference_from_tip, problems | found.keys()
-        )
-        structures = self._decide(observed, far, tools)
+        observed, far = self._observe(frame.stamp, tips, problems | found.keys())
+        structures = self._decide(observed, far, tips)
         far_mm = min([each.clearance_mm for each in far.values()], default=math.inf)
         combined = self._combined.of(structures, self.setup.proximity.radius_mm, far_mm)
         decision = self._hold.applied(combined, found, [each.decision for each in structures])
@@ -110,7 +104,9 @@ class Session:
         if decision.constraint is not None:
             self._virtual_fixture = decision.constraint.fixture_frame(self._virtual_fixture)
         others = (
-            () if self._tools is None else self._tools.update(plausible, problems | found.keys())
+            ()
+            if self._tools is None
+            else self._tools.update(self._poses.accepted, problems | found.keys())
         )
         return StepResult(
             index=self._index,
@@ -142,8 +138,7 @@ class Session:
     def _observe(
         self,
         now: Stamp,
-        tools: Mapping[str, MeasuredPose],
-        reference_from_tip: Transform | None,
+        tips: Mapping[str, MeasuredPose],
         problems: frozenset[Reason],
     ) -> tuple[dict[int, Observed], dict[int, FarDistance]]:
         """Measurements of the structures by number, the first one's first, and the far others.
@@ -154,10 +149,10 @@ class Session:
         def observe(number: int) -> Observed:
             self._wake(number)
             guard = self._guards[number]
-            return guard.observe(self._poses, now, tools, reference_from_tip, problems)
+            return guard.observe(self._poses, now, tips, problems)
 
         observed = {0: observe(0)}
-        far = {} if self._far is None else self._far.found(tools, observed[0].observation)
+        far = {} if self._far is None else self._far.found(tips, observed[0].observation)
         for number in range(1, len(self._guards)):
             if number not in far:
                 observed[number] = observe(number)
@@ -180,12 +175,12 @@ class Session:
         self,
         observed: Mapping[int, Observed],
         far: Mapping[int, FarDistance],
-        tools: Mapping[str, MeasuredPose],
+        tips: Mapping[str, MeasuredPose],
     ) -> tuple[StructureStep, ...]:
         decided = {number: each.guard.decide(each) for number, each in observed.items()}
         for number, distance in far.items():
             guard = self._guards[number]
-            poses = tools[guard.structure.frame_from_structure.target], tools[REFERENCE]
+            poses = tips[guard.structure.frame_from_structure.target], tips[REFERENCE]
             used = poses if self.setup.robot is not None else poses[:1]
             stamp = oldest(used)
             seq = decided[0].decision.seq
@@ -248,9 +243,7 @@ class Session:
     def _use(self, setup: SessionSetup) -> None:
         before, self.setup = self.setup, setup
         self._static_edges = setup.static_edges
-        self._poses.limits = setup.margins.freshness_limits
-        self._poses.moving_frames = setup.moving_frames
-        self._poses.shown_frames = setup.shown_frames
+        self._poses.use(*_tracked(setup))
         self._tool_frames = _tool_frames(setup)
         if self._far is not None:
             for number in range(len(self._guards)):
@@ -325,6 +318,19 @@ def _places(setup: SessionSetup) -> tuple[object, ...]:
     """The values that determine the places of tool, tumour and robot."""
     shapes = [(each.proximity, each.frame_from_structure) for each in setup.guarded]
     return setup.tool_from_tip, setup.robot, *shapes
+
+
+def _tracked(
+    setup: SessionSetup,
+) -> tuple[FreshnessLimits, tuple[str, ...], tuple[str, ...], MotionLimits, tuple[Edge, ...]]:
+    """The arguments of `PoseTree`."""
+    return (
+        setup.margins.freshness_limits,
+        setup.moving_frames,
+        setup.shown_frames,
+        motion_limits(setup.plausibility),
+        setup.measured_ends,
+    )
 
 
 def _tool_frames(setup: SessionSetup) -> tuple[str, ...]:

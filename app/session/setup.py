@@ -91,6 +91,11 @@ class TrackingError:
             2.0 * self.sigma_mm**2 + self.sigma_rad**2 * (tool_lever_mm**2 + tumor_lever_mm**2)
         )
 
+    @property
+    def is_known(self) -> bool:
+        """True if an error of the poses is stated."""
+        return bool(self.sigma_mm or self.sigma_rad)
+
     def sigma_of(
         self, proximity: Proximity, tumor_from_tool: Transform, tumor_from_frame: Transform
     ) -> float:
@@ -99,8 +104,6 @@ class TrackingError:
         ``tumor_from_tool`` and ``tumor_from_frame`` are the measured frames of tool and tumour in
         the tumour's.
         """
-        if not (self.sigma_mm or self.sigma_rad):
-            return 0.0
         points = proximity.witnesses.on_tool_mm
         return self.sigma_between(
             _lever_mm(points, tumor_from_tool), _lever_mm(points, tumor_from_frame)

@@ -80,7 +80,7 @@ class StructureGuard:
         return False
 
     def _begin(self) -> None:
-        self._structure_from_frame = self.structure.frame_from_structure.inverse()
+        self._outer = self.structure.frame_from_structure.inverse()
         self._recent = RecentWitnesses()
         self._last: PathPoint | None = None
         self._velocity = self._new_velocity()
@@ -109,46 +109,43 @@ class StructureGuard:
         self._monitor.continue_from(now)
         self._recent, self._velocity, self._last = RecentWitnesses(), self._new_velocity(), None
         if frame_from_tip is not None:
-            pose = self._structure_from_frame @ frame_from_tip
+            pose = self._outer @ frame_from_tip
             self._last = PathPoint(now, pose, self.structure.proximity.evaluate(pose, now))
 
     def observe(
         self,
         poses: PoseTree,
         now: Stamp,
-        tools: Mapping[str, MeasuredPose],
-        reference_from_tip: Transform | None,
+        tips: Mapping[str, MeasuredPose],
         problems: frozenset[Reason],
     ) -> "Observed":
         """Measure the structure with the present ``poses``.
 
-        ``tools`` are those of the tool by frame: in the structure's, and in the reference frame,
-        through which the constraint reaches the robot; ``reference_from_tip`` is its tip there.
-        ``problems`` are faults that concern every structure.
+        ``tips`` are the poses of the tool's tip by frame: in the structure's, and in the reference
+        frame, through which the constraint reaches the robot. ``problems`` are faults that concern
+        every structure.
         """
         setup, structure = self._setup, self.structure
-        tool, in_reference = tools[structure.frame_from_structure.target], tools[REFERENCE]
-        structure_from_tool = structure_from_tip = None
-        if tool.transform is not None:
-            structure_from_tool = self._structure_from_frame @ tool.transform
-            structure_from_tip = structure_from_tool @ setup.tool_from_tip
-        used = (tool,) if setup.robot is None else (tool, in_reference)
-        proximity, between = self._proximity(structure_from_tip, tool.oldest, now, poses.limits)
+        frame, tip, outer = structure.frame_from_structure.target, setup.tool_from_tip, self._outer
+        measured, in_reference = poses.pose(frame, tip.target, outer, tip), tips[REFERENCE]
+        structure_from_tip = measured.transform
+        used = (measured,) if setup.robot is None else (measured, in_reference)
+        proximity, between = self._proximity(structure_from_tip, measured.oldest, now, poses.limits)
         sigma_tre_mm, registration_problems = self._registration_at_tool(
-            reference_from_tip, in_reference.problems, proximity, structure_from_tip
+            in_reference.transform, in_reference.problems, proximity, structure_from_tip
         )
         tracking_mm = 0.0
-        if proximity is not None and structure_from_tool is not None:
-            tracking_mm = setup.tracking.sigma_of(
-                proximity, structure_from_tool, self._structure_from_frame
-            )
+        if proximity is not None and setup.tracking.is_known:
+            structure_from_tool = poses.pose(frame, tip.target, outer).transform
+            assert structure_from_tool is not None, "its tip is known"
+            tracking_mm = setup.tracking.sigma_of(proximity, structure_from_tool, outer)
         stated = structure.sigma_mm, setup.tip_sigma_mm
         observation = MarginObservation(
             now=now,
             stamp=oldest(used),
             proximity=proximity,
             swept=None if between is None else between.proximity,
-            problems=problems | tool.problems | registration_problems,
+            problems=problems | measured.problems | registration_problems,
             sigma_tre_mm=math.hypot(sigma_tre_mm, tracking_mm, *stated),
             unchanged_ns=max([pose.unchanged_ns for pose in used]),
             tumor_twist=self._twist(poses, now),

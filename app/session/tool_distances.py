@@ -62,9 +62,9 @@ class ToolDistances:
     def use(self, setup: SessionSetup) -> None:
         """Replace the setup from the next step on."""
         self._setup, self._tool = setup, setup.tool_from_tip.target
-        self._poses.limits = setup.margins.freshness_limits
         others = (each.tool_from_tip.target for each in setup.other_tools)
-        self._poses.moving_frames = (*setup.moving_frames, REFERENCE, *others)
+        moving = (*setup.moving_frames, REFERENCE, *others)
+        self._poses.use(setup.margins.freshness_limits, moving)
         self._tips = [each.tool_from_tip.inverse() for each in setup.other_tools]
         self._last: dict[str, tuple[Transform, float]] = {}
         """Pose at which each was measured last, and its lower bound in mm there."""

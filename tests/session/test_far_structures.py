@@ -128,12 +128,11 @@ def test_far_structure_is_written_with_the_bound_of_its_distance():
 
 
 def poses_at(setup, now, tip):
-    """The tool in all frames of the structures, so that its tip is at ``tip`` in each."""
-    tool = tip @ setup.tool_from_tip.inverse()
+    """The tip in all frames of the structures, at ``tip`` in each."""
     names = {REFERENCE, *(each.frame_from_structure.target for each in setup.guarded)}
     return {
         name: MeasuredPose(
-            Transform(name, "cautery", tool.rotation, tool.translation_mm), now, 0, frozenset()
+            Transform(name, tip.source, tip.rotation, tip.translation_mm), now, 0, frozenset()
         )
         for name in names
     }

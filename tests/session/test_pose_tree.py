@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 from app.fixture import Reason
 from app.geometry import NS_PER_MS, FreshnessLimits, Stamp, TrackedTransform, Transform
 from app.geometry import TrackingStatus as Status
-from app.session.pose_tree import REASON_OF_STATUS, PoseTree
+from app.session.pose_tree import PoseTree
+from app.session.tracked_edges import REASON_OF_STATUS
 from tests.doubles import frame, lost, sample
 
 TOOL, TUMOR, REFERENCE = (("tracker", name) for name in ("cautery", "needle", "reference"))

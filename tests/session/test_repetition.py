@@ -6,9 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.fixture import Reason
-from app.geometry import NS_PER_MS, FreshnessLimits, Transform
+from app.geometry import NS_PER_MS, FreshnessLimits
 from app.session.pose_tree import PoseTree
-from app.session.repetition import REST_LIMIT, RepetitionHistory, SensorRepetition
+from app.session.repetition import (
+    REST_LIMIT,
+    SENSOR_REPETITION,
+    change,
+    keep_change,
+    probability,
+)
 from tests.doubles import frame, sample
 from tests.session.frozen_sensors import clean_run, inject, moments, quantised, recorded
 
@@ -207,9 +213,10 @@ def test_no_history_delays_frozen_beyond_the_bound(runs, moves, after):
 
 @given(st.integers(0, 500), st.integers(0, 500), st.integers(1, 30))
 def test_probability_of_a_run_is_the_product_over_its_samples(repeats, changes, length):
-    history = RepetitionHistory(repeats=repeats, changes=changes)
+    history = np.zeros(1, SENSOR_REPETITION)[0]["at_rest"]
+    history["repeats"], history["changes"] = repeats, changes
     expected = np.prod([(repeats + 1 + i) / (repeats + changes + 2 + i) for i in range(length)])
-    assert history.probability(length) == pytest.approx(expected, rel=1e-9)
+    assert probability(history, 1.0, length) == pytest.approx(expected, rel=1e-9)
 
 
 def test_quantised_tracker_is_never_frozen_and_its_freezes_are_detected():
@@ -256,13 +263,14 @@ def test_real_recording_is_never_frozen_and_its_freezes_are(real_recording, name
     ],
 )
 def test_change_counts_for_the_state_before_it(positions_mm, times_ms, moving):
-    sensor = SensorRepetition()
+    sensor, still = np.zeros(1, SENSOR_REPETITION)[0], np.eye(3)
     for index, (x, at_ms) in enumerate(zip(positions_mm, times_ms, strict=True)):
-        pose, at_ns = Transform("tracker", "sensor", np.eye(3), [x, 0.0, 0.0]), at_ms * NS_PER_MS
+        place, at_ns = np.array([x, 0.0, 0.0]), at_ms * NS_PER_MS
         if index == 0:
-            sensor.begin(pose, [x, 0.0, 0.0], at_ns)
+            keep_change(sensor, still, place, at_ns, 0.0)
         else:
-            sensor.change(pose, [x, 0.0, 0.0], at_ns, LIMITS)
-    assert sensor.moving == moving
-    sensor.change(pose, [x, 1.0, 0.0], 50 * NS_PER_MS, LIMITS)
-    assert (sensor.at_rest.changes, sensor.in_motion.changes) == ((3, 2) if moving else (5, 0))
+            change(sensor, still, place, at_ns, LIMITS.frozen_after_ns)
+    assert sensor["moving"] == moving
+    change(sensor, still, np.array([x, 1.0, 0.0]), 50 * NS_PER_MS, LIMITS.frozen_after_ns)
+    counts = sensor["at_rest"]["changes"], sensor["in_motion"]["changes"]
+    assert counts == ((3, 2) if moving else (5, 0))

@@ -16,31 +16,55 @@ from app.case import TrackingFrame, read_recording
 from app.geometry import (
     NS_PER_MS,
     NS_PER_S,
+    FreshnessLimits,
     InputError,
     Stamp,
     TrackedTransform,
     TrackingStatus,
     Transform,
 )
-from app.session.pose_plausibility import MotionCheck
+from app.session.pose_tree import PoseTree
 from app.session.sensor_motion import (
     CONSISTENT_NS,
     CONSISTENT_SAMPLES,
     MAX_SIGMA_MM,
     MIN_SIGMA_MM,
+    SENSOR_MOTION,
     SIGMAS,
     MotionLimits,
-    SensorMotion,
+    begin_motion,
+    jump_of,
+    restart_motion,
+    update_motion,
 )
 
 pytestmark = pytest.mark.slow
 
 LIMITS = MotionLimits()
+EDGE = ("tracker", "tool")
 RECORDINGS = (
     "EightLandmarkPointsTrackedForPhantomRegistration.igs.mha",
     "ReferenceToRASCalibration.igs.mha",
     "SpinePhantomFreehand.igs.mha",
 )
+
+
+class SensorMotion:
+    """The record of one sensor."""
+
+    def __init__(self, limits: MotionLimits) -> None:
+        self._state = np.zeros(1, SENSOR_MOTION)
+        begin_motion(self._state, limits)
+
+    @property
+    def jump(self):
+        return jump_of(self._state[0])
+
+    def update(self, pose: Transform, ns: int) -> bool:
+        return update_motion(self._state[0], pose.rotation, pose.translation_mm, ns)
+
+    def restart(self) -> None:
+        restart_motion(self._state)
 
 
 def pose(position_mm, rotation_vector=(0.0, 0.0, 0.0)) -> Transform:
@@ -249,27 +273,42 @@ def test_noise_is_learned_and_bounded():
 
 RULES = """
 import numpy as np
-from app.geometry import NS_PER_MS, Stamp, Transform
+from app.case import TrackingFrame
+from app.geometry import NS_PER_MS, FreshnessLimits, Stamp, TrackedTransform, Transform
+from app.geometry import TrackingStatus
 from app.registration import given_registration, largest_tre
 from app.session.combined_decision import _keep_nearest, is_narrow
 from app.session.joint_check import MeanDrift, SuddenChange
-from app.session.sensor_motion import MotionLimits, SensorMotion
+from app.session.pose_tree import PoseTree
 
-random = np.random.default_rng(3)
+random, held = np.random.default_rng(3), Transform.identity("tracker", "needle")
 registration = given_registration(Transform.identity("tracker", "base"), np.eye(6))
-sensor, mean, change = SensorMotion(MotionLimits()), MeanDrift(1.0), SuddenChange(1.0)
+mean, change, names = MeanDrift(1.0), SuddenChange(1.0), ("needle", "tool")
+inner = Transform.from_rotation_vector((0.1, 0.2, 0.3), (1, 2, 3), target="tool", source="tip")
+outer = inner.inverse()
+limits = FreshnessLimits(200 * NS_PER_MS, 100 * NS_PER_MS)
+tree = PoseTree(limits, names, checked=(names,))
 for k in range(400):
     turn = random.normal(0.0, 0.01, 3) + (k % 150 == 99)
     place = random.normal(0.0, 0.3, 3) + 50.0 * (k % 90 == 80) + 0.1 * k
-    ns = (5 * k + k % 3 - 300 * (k > 300)) * NS_PER_MS
+    now = Stamp((5 * k + k % 3 - 300 * (k > 300)) * NS_PER_MS)
     pose = Transform.from_rotation_vector(turn, place, target="tracker", source="tool")
-    mean.update(tuple(place.tolist()), Stamp(ns))
-    change.update(tuple(place.tolist()), (0.1 * k, 0.0, 0.0), mean.start, ns)
+    if not 150 < k < 290 and (k % 4 or k < 100):
+        held = Transform("tracker", "needle", np.eye(3), random.normal(0.0, 0.2, 3).round(1))
+    tool, needle = TrackedTransform.valid(pose, now), TrackedTransform.valid(held, now)
+    if k % 70 == 60:
+        tool = TrackedTransform.lost("tracker", "tool", now, TrackingStatus.OUT_OF_VIEW)
+    jumped = tree.insert(TrackingFrame(now, (tool, needle)))
+    found = tree.pose("needle", "tool", outer, inner)
+    numbers = None if found.transform is None else found.transform.matrix.tolist()
+    mean.update(tuple(place.tolist()), now)
+    change.update(tuple(place.tolist()), (0.1 * k, 0.0, 0.0), mean.start, now.ns)
     planes, kept = random.normal(0.0, 3.0, (12, 10)).round(1), np.arange(8)
     left_out_mm, narrow = _keep_nearest(planes, kept), is_narrow(planes, [0, 1, 2] * 4)
     tre_mm = largest_tre(registration, pose, pose, planes[:, 1:4])
-    print(sensor.update(pose, ns), sensor.jump, mean.exceeded, mean.text, change.text)
-    print(narrow, kept, left_out_mm, tre_mm)
+    print(len(tree.accepted.poses) == 2, tree.implausible(), sorted(jumped), numbers)
+    print(found.oldest, found.unchanged_ns, sorted(found.problems), mean.exceeded, mean.text)
+    print(narrow, kept, left_out_mm, tre_mm, change.text)
 """
 
 
@@ -281,7 +320,16 @@ def test_compiled_rules_find_the_same_as_plain_python():
     command = [sys.executable, "-c", RULES]
     plain = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     assert plain.stdout == compiled.getvalue()
-    assert {"True", "False"} == {line.split()[0] for line in plain.stdout.splitlines()}
+    for word in (
+        "True {",
+        "False {",
+        "jumps by",
+        "turns by",
+        "clock_jumped_back",
+        "frozen",
+        "missing",
+    ):
+        assert word in plain.stdout
 
 
 def test_text_names_size_time_and_limit():
@@ -293,10 +341,10 @@ def test_text_names_size_time_and_limit():
 
 
 class Checked:
-    """A sensor at rest at 50 Hz, whose frames a `MotionCheck` has seen for two seconds."""
+    """A sensor at rest at 50 Hz, whose frames a `PoseTree` has seen for two seconds."""
 
     def __init__(self):
-        self.check, self.now_ns = MotionCheck(LIMITS), NS_PER_S
+        self.poses, self.now_ns = PoseTree(FreshnessLimits(NS_PER_S), (), checked=(EDGE,)), NS_PER_S
         random = np.random.default_rng(4)
         for _ in range(100):
             assert self.passes(random.normal(0.0, 0.15, 3))
@@ -307,7 +355,8 @@ class Checked:
         stamp = Stamp(self.now_ns + round(ahead_ms * NS_PER_MS))
         sample = TrackedTransform(pose(position_mm), stamp, TrackingStatus.OK)
         frame = TrackingFrame(Stamp(self.now_ns), (sample,))
-        return self.check.remove_implausible(frame, {("tracker", "tool")}).poses == (sample,)
+        self.poses.insert(frame)
+        return self.poses.accepted.poses == (sample,)
 
 
 def test_stamp_of_the_future_gives_a_jump_no_time():
