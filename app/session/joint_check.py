@@ -13,18 +13,17 @@ from app.fixture.jit import inlined, kernel, renew_with
 from app.fixture.vectors import (
     Vector,
     add_scaled,
-    dot,
     length,
     point_distance,
     row,
     sub,
-    transform_point,
     turn_between,
 )
 from app.geometry import NS_PER_S, FloatArray, Stamp, Transform
 from app.registration import RegistrationDrift
-from app.session import relations, sensor_motion
+from app.session import relations, repetition, sensor_motion, tracked_edges
 from app.session.relations import ENDS_AFTER_NS
+from app.session.repetition import copy_pose
 from app.session.sensor_motion import (
     MAX_POSES,
     MAX_SIGMA_MM,
@@ -33,11 +32,13 @@ from app.session.sensor_motion import (
     SIGMAS,
     STAMP_ERROR_S,
     WINDOW_NS,
+    Record,
     State,
     drop_first,
     learned_variance,
 )
 from app.session.setup import RobotSetup
+from app.session.tracked_edges import multiply_pose
 
 MEAN_S = 0.25
 """Time constant of the mean. It removes the jitter of the tracker, so that a difference that stays
@@ -53,9 +54,10 @@ START_NS = NS_PER_S
 
 _NONE: Vector = (0.0, 0.0, 0.0)
 
-_MEAN = np.dtype(
+MEAN_DRIFT = np.dtype(
     [
         ("limit_mm", np.float64),
+        ("exceeded", np.bool_),  # True if the mean has left its limit
         ("known", np.bool_),  # True from the first difference on
         ("mean", np.float64, 3),
         ("start", np.float64, 3),  # the mean at its start
@@ -65,52 +67,26 @@ _MEAN = np.dtype(
     ],
     align=True,
 )
+"""Mean of differences (3,) in mm, tracked minus predicted, with exponential weights.
+
+It is exceeded if both the mean and its change since the start are longer than ``limit_mm``: the
+error of an accepted registration, which is there from the start, is no drift. An error that grows
+at ``r`` mm/s from 0 is found before it is ``limit_mm + r * MEAN_S``, and from a constant error of
+``e`` mm before ``limit_mm + e + r * MEAN_S``.
+"""
 
 
-class MeanDrift:
-    """Mean of differences (3,) in mm, tracked minus predicted, with exponential weights.
-
-    It is exceeded if both the mean and its change since the start are longer than ``limit_mm``: the
-    error of an accepted registration, which is there from the start, is no drift. An error that
-    grows at ``r`` mm/s from 0 is found before it is ``limit_mm + r * MEAN_S``, and from a constant
-    error of ``e`` mm before ``limit_mm + e + r * MEAN_S``.
-    """
-
-    def __init__(self, limit_mm: float) -> None:
-        # Run the kernel once, so that the first step does not wait for the compiler.
-        _update_mean(np.zeros(1, _MEAN), _NONE, 0)
-        self._state: State = np.zeros(1, _MEAN)
-        self._state["limit_mm"] = limit_mm
-        self.exceeded = False
-        """True if the mean has left its limit."""
-
-    @property
-    def start(self) -> FloatArray:
-        """The mean (3,) at its start: the error of the accepted registration."""
-        return np.asarray(self._state["start"][0])
-
-    @property
-    def length_mm(self) -> float:
-        """Length of the mean."""
-        return math.hypot(*self._state["mean"][0].tolist())
-
-    def update(self, difference: Vector, now: Stamp) -> None:
-        """Add a difference measured at ``now``."""
-        self.exceeded = _update_mean(self._state, difference, now.ns)
-
-    @property
-    def text(self) -> str:
-        """The mean and its limit."""
-        return (
-            f"the tool is {self.length_mm:.3g} mm from its position by the joints in the mean; "
-            f"expected at most {self._state['limit_mm'][0]:g} mm"
-        )
+def mean_text(s: Record) -> str:
+    """The mean and its limit."""
+    return (
+        f"the tool is {math.hypot(*s['mean'].tolist()):.3g} mm from its position by the joints in "
+        f"the mean; expected at most {s['limit_mm']:g} mm"
+    )
 
 
 @kernel
-def _update_mean(state: State, difference: Vector, ns: int) -> bool:
-    """`MeanDrift.update` for a difference in mm; True if the mean has left its limit."""
-    s = state[0]
+def update_mean(s: Record, difference: Vector, ns: int) -> None:
+    """Add a difference in mm, measured at ``ns``."""
     mean, since_ns = _vector(s["mean"]), ns - s["last_ns"]
     if not s["known"] or since_ns < 0:
         if not s["known"]:
@@ -126,14 +102,14 @@ def _update_mean(state: State, difference: Vector, ns: int) -> bool:
         _set(s["start"], mean)
     limit_mm = s["limit_mm"]
     changed_mm = point_distance(mean, _vector(s["start"]))
-    return bool(length(mean) > limit_mm and changed_mm > limit_mm)
+    s["exceeded"] = length(mean) > limit_mm and changed_mm > limit_mm
 
 
 GAP_NS = NS_PER_S // 4
 """Differences that are further apart are not compared: the error of a registration changes with the
 place of the tool."""
 
-_CHANGE = np.dtype(
+SUDDEN_CHANGE = np.dtype(
     [
         ("limit_mm", np.float64),
         ("variance", np.float64),  # of the differences per axis, in mm^2
@@ -151,57 +127,39 @@ _CHANGE = np.dtype(
     ],
     align=True,
 )
+"""A change of the difference, found within two differences, whatever the registration's error.
+
+The mean of the last two is compared with the mean before them, which has exponential weights with
+the time constant `MEAN_S`. It may be ``limit_mm`` off or, if that is more, `SIGMAS` standard
+deviations, learned by `learned_variance`, plus `STAMP_ERROR_S` times the change of the velocity: an
+error of the joints' clock appears as a difference when the tool begins to move.
+
+The finding ends when for `ENDS_AFTER_NS` the difference has been as near to its mean before the
+change, or to that of the session's start.
+"""
 
 
-class SuddenChange:
-    """Finds a change of the difference within two differences, whatever the registration's error.
-
-    The mean of the last two is compared with the mean before them, which has exponential weights
-    with the time constant `MEAN_S`. It may be ``limit_mm`` off or, if that is more, `SIGMAS`
-    standard deviations, learned by `learned_variance`, plus `STAMP_ERROR_S` times the change of the
-    velocity: an error of the joints' clock appears as a difference when the tool begins to move.
-
-    The finding ends when for `ENDS_AFTER_NS` the difference has been as near to its mean before the
-    change, or to that of the session's start.
-    """
-
-    def __init__(self, limit_mm: float) -> None:
-        _update_change(np.zeros(1, _CHANGE), _NONE, _NONE, np.zeros(3), 0)  # as above
-        self._state: State = np.zeros(1, _CHANGE)
-        self._state["limit_mm"], self._state["variance"] = limit_mm, MAX_SIGMA_MM**2
-        self.found = False
-        """True from a change on until it ends."""
-
-    @property
-    def text(self) -> str:
-        """The change and its limit; empty if there is none."""
-        if not self.found:
-            return ""
-        state = self._state[0]
-        return (
-            f"the tool moves by {state['off_mm']:.3g} mm against its position by the joints within "
-            f"two samples; expected at most {state['allowed_mm']:.3g} mm"
-        )
-
-    def update(self, tracked: Vector, predicted: Vector, start: FloatArray, ns: int) -> None:
-        """Add the tip's positions in mm at ``ns``, after new joints.
-
-        ``start`` (3,) is the difference at the session's start. A pose that a driver repeats while
-        the tool moves is not used.
-        """
-        self.found = _update_change(self._state, tracked, predicted, start, ns)
+def change_text(s: Record) -> str:
+    """The change and its limit."""
+    return (
+        f"the tool moves by {s['off_mm']:.3g} mm against its position by the joints within "
+        f"two samples; expected at most {s['allowed_mm']:.3g} mm"
+    )
 
 
 @kernel
-def _update_change(
-    state: State, tracked: Vector, predicted: Vector, start: FloatArray, ns: int
-) -> bool:
-    """`SuddenChange.update`; True while there is a change."""
-    s = state[0]
+def update_change(
+    s: Record, tracked: Vector, predicted: Vector, start: FloatArray, ns: int
+) -> None:
+    """Add the tip's positions in mm at ``ns``, after new joints.
+
+    ``start`` (3,) is the difference at the session's start. A pose that a driver repeats while the
+    tool moves is not used.
+    """
     if s["count"] > 0 and not 0 <= ns - s["ns"][s["count"] - 1] <= GAP_NS:
         s["count"] = 0
     if s["count"] > 0 and _is_repeated(s, tracked, predicted, ns):
-        return bool(s["found"])
+        return
     if s["count"] == MAX_POSES:
         drop_first(s)
     new = s["count"]
@@ -217,13 +175,13 @@ def _update_change(
         drop_first(s)
     new = s["count"] - 1
     if new < 2:
-        return bool(s["found"])
+        return
     before = sub(row(s["at"][new - 1], 0), row(s["at"][new - 1], 1))
     two, mean = _between(before, difference, 0.5), _vector(s["mean"])
     off_mm = point_distance(two, mean)
     if s["found"]:
         _end(s, min(off_mm, point_distance(two, _vector(start))), ns)
-        return bool(s["found"])
+        return
     x, y, z = sub(predicted, row(s["at"][0], 1))
     seconds = (ns - s["ns"][0]) / NS_PER_S
     velocity, mean_velocity = (x / seconds, y / seconds, z / seconds), _vector(s["velocity"])
@@ -232,7 +190,7 @@ def _update_change(
     s["allowed_mm"] = max(s["limit_mm"], noise_mm + lag_mm)
     if off_mm > s["allowed_mm"]:
         s["found"], s["off_mm"], s["near"] = True, off_mm, False
-        return True
+        return
     s["variance"] = learned_variance(
         s["variance"], off_mm * off_mm, 1.0, MIN_SIGMA_MM, MAX_SIGMA_MM
     )
@@ -240,11 +198,10 @@ def _update_change(
     share = max(_share(ns - s["ns"][new - 1]), 1.0 / s["samples"])
     _set(s["mean"], _between(mean, before, share))
     _set(s["velocity"], _between(mean_velocity, velocity, share))
-    return False
 
 
 @kernel
-def _is_repeated(s: State, tracked: Vector, predicted: Vector, ns: int) -> bool:
+def _is_repeated(s: Record, tracked: Vector, predicted: Vector, ns: int) -> bool:
     """True for the same time, or the same tracked position although the joints move."""
     last = s["count"] - 1
     since_ns = ns - s["ns"][last]
@@ -254,7 +211,7 @@ def _is_repeated(s: State, tracked: Vector, predicted: Vector, ns: int) -> bool:
 
 
 @kernel
-def _end(s: State, off_mm: float, ns: int) -> None:
+def _end(s: Record, off_mm: float, ns: int) -> None:
     """End the finding if the difference is, and has been, back for long enough."""
     if off_mm > s["allowed_mm"]:
         s["near"] = False
@@ -285,33 +242,50 @@ def _set(a: FloatArray, v: Vector) -> None:
     a[0], a[1], a[2] = v
 
 
-renew_with(_update_change, sensor_motion.__file__, relations.__file__)
-renew_with(_end, relations.__file__)
+_BASE, _LINK, _MOUNT, _TIP, _PLACED, _POSES = range(6)
+"""Numbers of the poses: the robot's root in the reference, the link there, the tip in the link; the
+tip in the reference by the tracker and by the joints. Then their number."""
+
+_JOINTS = np.dtype(
+    [
+        ("rotation", np.float64, (_POSES, 3, 3)),
+        ("position", np.float64, (_POSES, 3)),  # in mm
+        ("is_mounted", np.bool_),  # False for an unknown orientation of the tip in the link
+        ("mean", MEAN_DRIFT),
+        ("change", SUDDEN_CHANGE),
+    ],
+    align=True,
+)
 
 
 class JointCheck:
     """Compares the tracked tip with its prediction by joints and registration.
 
-    ``mean_mm`` is the limit of `MeanDrift` and of `SuddenChange`; None takes `SHARE_OF_BOUND` of
-    the bound of a single difference.
+    ``mean_mm`` is the limit of the mean and of a sudden change; None takes `SHARE_OF_BOUND` of the
+    bound of a single difference.
     """
 
     def __init__(self, robot: RobotSetup | None, mean_mm: float | None) -> None:
         self._robot = robot
         self.is_configured = bool(robot and robot.registration and not robot.follows_tool)
         """True if the robot has joints and a registration: it can contradict the tracker."""
-        self._poses = np.tile(np.eye(3), (6, 1, 1)), np.zeros((6, 3))
-        if robot is not None and robot.registration is not None:
-            self._place(_BASE, robot.registration.transform)  # base and root are one frame
-        if robot is not None and robot.link_from_tip is not None:
-            self._place(_MOUNT, robot.link_from_tip)
-        _compare(*self._poses, True)  # as above
+        # Run the kernel once, so that the first step does not wait for the compiler.
+        _update(np.zeros(1, _JOINTS), True, 0)
+        self._state: State = np.zeros(1, _JOINTS)
+        state, nothing = self._state[0], Transform.identity("frame", "frame")
+        self._rotations, self._positions_mm = state["rotation"], state["position"]
+        registration = None if robot is None else robot.registration
+        mount = None if robot is None else robot.link_from_tip
+        self._place(_BASE, nothing if registration is None else registration.transform)
+        self._place(_MOUNT, mount or nothing)
+        state["is_mounted"] = mount is not None
         bound_mm = 1.0 if robot is None else robot.max_drift.translation_mm
         limit_mm = SHARE_OF_BOUND * bound_mm if mean_mm is None else mean_mm
-        self._mean = MeanDrift(limit_mm)
-        self._change = SuddenChange(limit_mm)
+        state["mean"]["limit_mm"] = state["change"]["limit_mm"] = limit_mm
+        state["change"]["variance"] = MAX_SIGMA_MM**2
         self._joints_ns: int | None = None
         self._drift: RegistrationDrift | None = None
+        self._has_drifted = False
         self.is_silent = False
         """True if the configured joints are not known now: nothing checks the tracker."""
 
@@ -323,10 +297,12 @@ class JointCheck:
         drifts = {}
         if self._drift is not None and not self._drift.accepted:
             drifts["single"] = self._drift.reason
-        if self._mean.exceeded:
-            drifts["mean"] = self._mean.text
-        if self._change.found:
-            drifts["change"] = self._change.text
+        if self._has_drifted:
+            state = self._state[0]
+            if state["mean"]["exceeded"]:
+                drifts["mean"] = mean_text(state["mean"])
+            if state["change"]["found"]:
+                drifts["change"] = change_text(state["change"])
         return drifts
 
     def update(
@@ -342,58 +318,50 @@ class JointCheck:
         where one of the two is not known.
         """
         self.is_silent = self.is_configured and not links
-        robot = self._robot
-        if robot is None or not self.is_configured or not links or reference_from_tip is None:
+        robot, tip = self._robot, reference_from_tip
+        if robot is None or not self.is_configured or not links or tip is None:
             return None
-        self._place(_LINK, links[robot.tool_link])
-        self._place(_TIP, reference_from_tip)
-        tracked, placed, turned_rad = _compare(*self._poses, robot.link_from_tip is not None)
-        (x, y, z), (u, v, w) = tracked, placed
-        self._mean.update((x - u, y - v, z - w), now)
         joints_ns = None if joints is None else joints.stamp.ns
-        if joints_ns != self._joints_ns:
-            self._joints_ns = joints_ns
-            self._change.update(tracked, placed, self._mean.start, now.ns)
-        off_mm = math.dist(tracked, placed)
-        tip = reference_from_tip.source
-        self._drift = RegistrationDrift(tip, off_mm, turned_rad, robot.max_drift)
+        is_new, self._joints_ns = joints_ns != self._joints_ns, joints_ns
+        self._place(_LINK, links[robot.tool_link])
+        self._place(_TIP, tip)
+        off_mm, turned_rad, self._has_drifted = _update(self._state, is_new, now.ns)
+        self._drift = RegistrationDrift(tip.source, off_mm, turned_rad, robot.max_drift)
         return self._drift
 
     def _place(self, number: int, pose: Transform) -> None:
-        rotations, positions_mm = self._poses
-        rotations[number], positions_mm[number] = pose.rotation, pose.translation_mm
-
-
-_BASE, _LINK, _MOUNT, _TIP, _PLACED_LINK, _PLACED = range(6)
-"""Numbers of the poses: the robot's root in the reference, the link there, the tip in the link; the
-tip by the tracker; link and tip by the joints."""
+        self._rotations[number], self._positions_mm[number] = pose.rotation, pose.translation_mm
 
 
 @kernel
-def _compare(
-    rotations: FloatArray, positions_mm: FloatArray, is_mounted: bool
-) -> tuple[Vector, Vector, float]:
-    """The tip's positions in mm by tracker and joints, and the angle between the two in rad.
+def _update(state: State, is_new: bool, now_ns: int) -> tuple[float, float, bool]:
+    """Update a record (1,) in which link and tip were placed; ``is_new`` for new joints.
 
-    ``rotations`` (6, 3, 3) and ``positions_mm`` (6, 3) are those of the six poses. Without a known
-    mount, an identity, the link gives the tip's position and not its orientation.
+    Returns the distance of the tip from its prediction in mm, the angle between the two in rad, and
+    True if one of the other limits is exceeded. Without a known mount, an identity, the link gives
+    the tip's position and not its orientation: the angle is 0.
     """
-    _multiply(rotations, positions_mm, _BASE, _LINK, _PLACED_LINK)
-    _multiply(rotations, positions_mm, _PLACED_LINK, _MOUNT, _PLACED)
-    turned_rad = 0.0
-    if is_mounted:
-        turned_rad = length(turn_between(rotations[_PLACED], rotations[_TIP]))
-    return row(positions_mm, _TIP), row(positions_mm, _PLACED), turned_rad
+    s = state[0]
+    rotations, positions = s["rotation"], s["position"]
+    placed, placed_mm = rotations[_PLACED], positions[_PLACED]
+    copy_pose(rotations[_BASE], positions[_BASE], placed, placed_mm)
+    for k in (_LINK, _MOUNT):
+        multiply_pose(placed, placed_mm, rotations[k], positions[k], False)
+    turned_rad = length(turn_between(placed, rotations[_TIP])) if s["is_mounted"] else 0.0
+    tracked, predicted = row(positions, _TIP), row(positions, _PLACED)
+    update_mean(s["mean"], sub(tracked, predicted), now_ns)
+    if is_new:
+        update_change(s["change"], tracked, predicted, s["mean"]["start"], now_ns)
+    has_drifted = bool(s["mean"]["exceeded"] or s["change"]["found"])
+    return point_distance(tracked, predicted), turned_rad, has_drifted
 
 
-@kernel
-def _multiply(
-    rotations: FloatArray, positions_mm: FloatArray, first: int, second: int, product: int
-) -> None:
-    """Write pose ``first`` times pose ``second`` as pose ``product``, another one."""
-    for j in range(3):
-        axis = (rotations[second, 0, j], rotations[second, 1, j], rotations[second, 2, j])
-        for i in range(3):
-            rotations[product, i, j] = dot(row(rotations[first], i), axis)
-    at = transform_point(rotations[first], positions_mm[first], row(positions_mm, second))
-    _set(positions_mm[product], at)
+renew_with(_end, relations.__file__)
+renew_with(update_change, sensor_motion.__file__, relations.__file__)
+renew_with(
+    _update,
+    sensor_motion.__file__,
+    relations.__file__,
+    repetition.__file__,
+    tracked_edges.__file__,
+)

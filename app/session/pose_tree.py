@@ -96,6 +96,8 @@ class PoseTree:
         """Number of each edge that was ever sent."""
         self._edges: dict[Edge, int] = {}
         """Those with a sample since the last jump of the clock, in the order of the first one."""
+        self.edges: tuple[Edge, ...] = ()
+        """The same without the numbers; replaced when an edge comes."""
         self._latest: list[TrackedTransform | None] = []
         self._trackers: dict[str, int] = {}
         self._state: State = np.zeros(0, EDGE)
@@ -130,8 +132,8 @@ class PoseTree:
         for edge in self._rows:
             self._mark(edge)
         self._paths.clear()
-        if self._now is not None:
-            judge_edges(self._state, self._sources, self._limits, self._now.ns)
+        now_ns = 0 if self._now is None else self._now.ns  # no edges are known then
+        judge_edges(self._state, self._sources, self._limits, now_ns)
         self._follow()
 
     def insert(self, frame: TrackingFrame) -> frozenset[Reason]:
@@ -202,8 +204,7 @@ class PoseTree:
             plausible = tuple(sample for sample in frame.poses if sample not in refused)
             self.accepted = replace(frame, poses=plausible)
         if len(self._edges) > known:
-            self._are_checked = False
-            self._follow()
+            self._know_edges()
 
     def pose(
         self,
@@ -265,11 +266,6 @@ class PoseTree:
         moving = self._state["has_changed"] | self._state["has_sensor"]
         return tuple(edge for edge, row in self._edges.items() if not moving[row])
 
-    @property
-    def edges(self) -> tuple[Edge, ...]:
-        """All measured edges, in the order of their first sample."""
-        return tuple(self._edges)
-
     def known_frames(self) -> tuple[str, ...]:
         """Names of all frames of measured edges, in alphabetical order."""
         return tuple(sorted({name for edge in self._edges for name in edge}))
@@ -313,7 +309,10 @@ class PoseTree:
             self._state[name] = False
         restart(self._state["repetition"], self._sources)
         restart_motion(self._state["motion"])
-        self._are_checked = False
+        self._know_edges()
+
+    def _know_edges(self) -> None:
+        self.edges, self._are_checked = tuple(self._edges), False
         self._follow()
 
     def _follow(self) -> None:

@@ -308,7 +308,7 @@ class Session:
         The first such edge may come with any frame; the result then stays True.
         """
         edges = self._poses.edges
-        if edges != self._checked_edges:
+        if edges is not self._checked_edges:
             self._checked_edges = edges
             self._frames_problem = base_measured_problem(self.setup, edges)
         return bool(self._frames_problem)
@@ -334,6 +334,8 @@ def _tracked(
 
 
 def _tool_frames(setup: SessionSetup) -> tuple[str, ...]:
-    """The frames in which the tool's pose is needed."""
+    """The frames in which the tip's pose is needed, beside that of a single structure."""
+    if not setup.structures:
+        return (REFERENCE,)
     structures = (each.frame_from_structure.target for each in setup.guarded)
     return tuple(dict.fromkeys((REFERENCE, *structures)))

@@ -266,8 +266,8 @@ def follow_paths(paths: State, steps: Steps, edges: State) -> None:
     for k in range(len(paths)):
         path = paths[k]
         path["oldest"], path["unchanged_ns"], path["problems"] = -1, 0, 0
-        outer, outer_position = path["outer_rotation"], path["outer_position"]
-        copy_pose(outer, outer_position, path["rotation"], path["position"])
+        rotation, position = path["rotation"], path["position"]
+        copy_pose(path["outer_rotation"], path["outer_position"], rotation, position)
         oldest_ns = 0
         for n in range(path["first"], path["first"] + path["count"]):
             edge = edges[steps[n, 0]]
@@ -275,22 +275,31 @@ def follow_paths(paths: State, steps: Steps, edges: State) -> None:
                 path["oldest"], oldest_ns = steps[n, 0], edge["ns"]
             path["unchanged_ns"] = max(path["unchanged_ns"], edge["unchanged_ns"])
             path["problems"] |= edge["problems"]
-            _multiply(path, edge["rotation"], edge["position"], steps[n, 1] == 1)
-        _multiply(path, path["inner_rotation"], path["inner_position"], False)
+            multiply_pose(rotation, position, edge["rotation"], edge["position"], steps[n, 1] == 1)
+        multiply_pose(rotation, position, path["inner_rotation"], path["inner_position"], False)
 
 
 @kernel
-def _multiply(path: Record, rotation: FloatArray, position: FloatArray, inverse: bool) -> None:
-    """Multiply the pose of ``path`` from the right by another one, or by its inverse."""
-    t = (position[0], position[1], position[2])
+def multiply_pose(
+    product: FloatArray,
+    product_mm: FloatArray,
+    rotation: FloatArray,
+    position_mm: FloatArray,
+    inverse: bool,
+) -> None:
+    """Multiply the pose ``product`` from the right by another one, or by its inverse.
+
+    Rotations are (3, 3), positions (3,).
+    """
+    t = (position_mm[0], position_mm[1], position_mm[2])
     if inverse:
         t = rotate_inverse(rotation, (-t[0], -t[1], -t[2]))
     for i in range(3):
-        left = row(path["rotation"], i)
-        path["position"][i] += dot(left, t)
+        left = row(product, i)
+        product_mm[i] += dot(left, t)
         for j in range(3):
             column = (rotation[0, j], rotation[1, j], rotation[2, j])
-            path["rotation"][i, j] = dot(left, row(rotation, j) if inverse else column)
+            product[i, j] = dot(left, row(rotation, j) if inverse else column)
 
 
 for _function in (take_samples, _take, _note_pose, judge_edges, _judge):

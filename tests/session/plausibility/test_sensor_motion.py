@@ -278,12 +278,15 @@ from app.geometry import NS_PER_MS, FreshnessLimits, Stamp, TrackedTransform, Tr
 from app.geometry import TrackingStatus
 from app.registration import given_registration, largest_tre
 from app.session.combined_decision import _keep_nearest, is_narrow
-from app.session.joint_check import MeanDrift, SuddenChange
+from app.session.joint_check import MEAN_DRIFT, SUDDEN_CHANGE, change_text, mean_text
+from app.session.joint_check import update_change, update_mean
 from app.session.pose_tree import PoseTree
 
 random, held = np.random.default_rng(3), Transform.identity("tracker", "needle")
 registration = given_registration(Transform.identity("tracker", "base"), np.eye(6))
-mean, change, names = MeanDrift(1.0), SuddenChange(1.0), ("needle", "tool")
+mean, change = np.zeros(1, MEAN_DRIFT)[0], np.zeros(1, SUDDEN_CHANGE)[0]
+mean["limit_mm"] = change["limit_mm"] = 1.0
+names = ("needle", "tool")
 inner = Transform.from_rotation_vector((0.1, 0.2, 0.3), (1, 2, 3), target="tool", source="tip")
 outer = inner.inverse()
 limits = FreshnessLimits(200 * NS_PER_MS, 100 * NS_PER_MS)
@@ -301,14 +304,15 @@ for k in range(400):
     jumped = tree.insert(TrackingFrame(now, (tool, needle)))
     found = tree.pose("needle", "tool", outer, inner)
     numbers = None if found.transform is None else found.transform.matrix.tolist()
-    mean.update(tuple(place.tolist()), now)
-    change.update(tuple(place.tolist()), (0.1 * k, 0.0, 0.0), mean.start, now.ns)
+    update_mean(mean, tuple(place.tolist()), now.ns)
+    update_change(change, tuple(place.tolist()), (0.1 * k, 0.0, 0.0), mean["start"], now.ns)
     planes, kept = random.normal(0.0, 3.0, (12, 10)).round(1), np.arange(8)
     left_out_mm, narrow = _keep_nearest(planes, kept), is_narrow(planes, [0, 1, 2] * 4)
     tre_mm = largest_tre(registration, pose, pose, planes[:, 1:4])
     print(len(tree.accepted.poses) == 2, tree.implausible(), sorted(jumped), numbers)
-    print(found.oldest, found.unchanged_ns, sorted(found.problems), mean.exceeded, mean.text)
-    print(narrow, kept, left_out_mm, tre_mm, change.text)
+    print(found.oldest, found.unchanged_ns, sorted(found.problems))
+    print(mean["exceeded"], mean_text(mean))
+    print(narrow, kept, left_out_mm, tre_mm, change["found"], change_text(change))
 """
 
 
