@@ -212,3 +212,25 @@ def test_clock_jump_drops_all_samples(tree):
     assert tree.problems(BETWEEN) == {Reason.MISSING}
     assert tree.problems() == set()
     assert tree.put(0, cautery=1) == set()
+
+
+def test_fixed_poses_are_multiplied_from_both_sides_on_every_path(tree):
+    turn = {"target": "tip", "source": "needle"}
+    outer = Transform.from_rotation_vector((0.1, 0.2, 0.3), (4.0, 5.0, 6.0), **turn)
+    tree.put(0, needle=3, cautery=7)
+    expected = outer.matrix @ tree.pose(*BETWEEN).transform.matrix
+    for number in range(150):  # more paths than are followed at a time
+        inner = Transform("cautery", f"end_{number}", np.eye(3), (0.0, number, 0.0))
+        found = tree.pose(*BETWEEN, outer, inner).transform
+        assert (found.target, found.source) == ("tip", f"end_{number}")
+        np.testing.assert_allclose(found.matrix, expected @ inner.matrix, atol=1e-12)
+
+
+def test_pose_of_an_earlier_frame_keeps_its_numbers(tree):
+    tree.put(0, cautery=1)
+    before = tree.pose(*TOOL).transform
+    tree.put(20, cautery=2)
+    assert before.translation_mm.tolist() == [1, 0, 0]
+    assert tree.pose(*TOOL).transform.translation_mm.tolist() == [2, 0, 0]
+    with pytest.raises(ValueError, match="read-only"):
+        before.translation_mm[0] = 3.0
