@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import astuple, replace
 from functools import cache
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -45,7 +45,8 @@ from app.session.tracked_edges import (
 _NOTHING: frozenset[Reason] = frozenset()
 _JUMPED = frozenset({Reason.CLOCK_JUMPED_BACK})
 _MAX_PATHS = 100
-_NO_TURN = Transform.identity("frame", "frame")
+_NOTHING_FIXED = Transform.identity("frame", "frame")
+_Path: TypeAlias = tuple[str, str, Transform, Transform]
 
 
 class MeasuredPose(NamedTuple):
@@ -106,8 +107,8 @@ class PoseTree:
         self._motion = motion or MotionLimits()
         self._make_room(4)
         self._samples: State = np.zeros(0, SAMPLE)
-        self._paths: dict[tuple[str, str, Transform, Transform], int] = {}
-        """Number of each path that was asked for."""
+        self._paths: dict[_Path, tuple[int, str, str]] = {}
+        """Number of each path that was asked for, and the frames of its pose."""
         self._found: list[list[int]] | None = None
         """Numbers of each path at the present, once they are read."""
         self.use(limits, moving_frames, shown_frames, motion, checked)
@@ -210,20 +211,18 @@ class PoseTree:
         self,
         target: str,
         source: str,
-        outer: Transform = _NO_TURN,
-        inner: Transform = _NO_TURN,
+        outer: Transform = _NOTHING_FIXED,
+        inner: Transform = _NOTHING_FIXED,
     ) -> MeasuredPose:
         """``target_from_source`` along the shortest path over measured edges.
 
         The fixed poses ``outer`` and ``inner`` are multiplied from the left and from the right.
+        Raises `FrameError` if they are of other frames.
         """
-        key = (target, source, outer, inner)
-        number = self._paths.get(key)
-        if number is None:
-            if len(self._paths) == _MAX_PATHS:
-                self._paths.clear()
-            number = self._paths[key] = len(self._paths)
-            self._follow()
+        path = target, source, outer, inner
+        if path not in self._paths:
+            self._add_path(path)
+        number, new_target, new_source = self._paths[path]
         if self._found is None:
             self._found = self._verdicts.tolist()
             self._rotations = self._followed["rotation"].copy()
@@ -235,14 +234,21 @@ class PoseTree:
             return _UNKNOWN
         sample, transform = None if row < 0 else self._latest[row], None
         if not problems:
-            transform = Transform.of_read_only(
-                target if outer is _NO_TURN else outer.target,
-                source if inner is _NO_TURN else inner.source,
-                self._rotations[number],
-                self._positions[number],
-            )
+            rotation, position = self._rotations[number], self._positions[number]
+            transform = Transform.of_read_only(new_target, new_source, rotation, position)
         stamp = None if sample is None else sample.stamp
         return MeasuredPose(transform, stamp, unchanged_ns, _reasons(problems))
+
+    def _add_path(self, path: _Path) -> None:
+        target, source, outer, inner = path
+        if outer is not _NOTHING_FIXED:
+            target = (outer @ Transform.identity(target, source)).target
+        if inner is not _NOTHING_FIXED:
+            source = (Transform.identity(target, source) @ inner).source
+        if len(self._paths) == _MAX_PATHS:
+            self._paths.clear()
+        self._paths[path] = len(self._paths), target, source
+        self._follow()
 
     def usable(self) -> dict[Edge, TrackedTransform | None]:
         """Latest sample of each edge; None for one that may not be used now."""

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.fixture import Reason
-from app.geometry import NS_PER_MS, FreshnessLimits, Stamp, TrackedTransform, Transform
+from app.geometry import NS_PER_MS, FrameError, FreshnessLimits, Stamp, TrackedTransform, Transform
 from app.geometry import TrackingStatus as Status
 from app.session.pose_tree import PoseTree
 from app.session.tracked_edges import REASON_OF_STATUS
@@ -224,6 +224,8 @@ def test_fixed_poses_are_multiplied_from_both_sides_on_every_path(tree):
         found = tree.pose(*BETWEEN, outer, inner).transform
         assert (found.target, found.source) == ("tip", f"end_{number}")
         np.testing.assert_allclose(found.matrix, expected @ inner.matrix, atol=1e-12)
+    with pytest.raises(FrameError, match="cannot be multiplied"):
+        tree.pose(*TOOL, outer, inner)
 
 
 def test_pose_of_an_earlier_frame_keeps_its_numbers(tree):

@@ -288,7 +288,7 @@ mean, change = np.zeros(1, MEAN_DRIFT)[0], np.zeros(1, SUDDEN_CHANGE)[0]
 mean["limit_mm"] = change["limit_mm"] = 1.0
 names = ("needle", "tool")
 inner = Transform.from_rotation_vector((0.1, 0.2, 0.3), (1, 2, 3), target="tool", source="tip")
-outer = inner.inverse()
+outer = inner.renamed(target="tumor", source="needle")
 limits = FreshnessLimits(200 * NS_PER_MS, 100 * NS_PER_MS)
 tree = PoseTree(limits, names, checked=(names,))
 for k in range(400):
