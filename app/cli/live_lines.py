@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import NS_PER_S
-from app.session import StepResult, StructureStep, ToolDistance
+from app.session import StepResult, ToolDistance
 
 if TYPE_CHECKING:
     from app.runtime import SessionContent
@@ -115,17 +115,17 @@ def _structures(step: StepResult) -> dict[str, Any]:
     off = {"off": dict(step.off)} if step.off else {}
     if not step.structures:
         return off
-    found = [_measured(each, each.decision) for each in step.structures]
+    found = [_measured(each.name, each.decision, each.at_least_mm) for each in step.structures]
     return {"structures": found, **off}
 
 
 def _measured(
-    each: StructureStep | ToolDistance, of: FixtureDecision | ToolDistance
+    name: str, found: FixtureDecision | ToolDistance, at_least_mm: float | None
 ) -> dict[str, Any]:
-    """Name of the structure or tool ``each``; state and distance of ``of``, its decision or it."""
-    mm = None if of.proximity is None else _finite(of.proximity.signed_distance_mm)
-    values = {"name": each.name, "state": of.state.name, "signed_distance_mm": mm}
-    return values if each.at_least_mm is None else values | {"at_least_mm": each.at_least_mm}
+    """The keys of a structure or tool ``name``; ``at_least_mm`` is None for a measured one."""
+    mm = None if found.proximity is None else _finite(found.proximity.signed_distance_mm)
+    values = {"name": name, "state": found.state.name, "signed_distance_mm": mm}
+    return values if at_least_mm is None else values | {"at_least_mm": at_least_mm}
 
 
 def as_json_line(
@@ -137,6 +137,7 @@ def as_json_line(
     """
     decision = step.decision
     proximity, margin = decision.proximity, decision.margin
+    tools = [_measured(each.name, each, each.at_least_mm) for each in step.tools]
     return json.dumps(
         {
             "time": time_text,
@@ -156,7 +157,7 @@ def as_json_line(
             "tre_mm": None if margin is None else _finite(margin.tre_mm),
             "age_mm": None if margin is None else _finite(margin.age_mm),
             **_structures(step),
-            **({"tools": [_measured(each, each) for each in step.tools]} if step.tools else {}),
+            **({"tools": tools} if tools else {}),
             "playback": bool(step.playback),
             "single_source": step.single_source,
             "model_id": content.model_id,

@@ -161,9 +161,9 @@ class LiveInputs:
         config, live, commands = self._prepared.config, run.live, run.commands
         is_tf = isinstance(config.source, TfSourceEntry)
         self.senders.start(
-            lambda: live.edges,
-            lambda: commands.content.tf_static_edges,
-            lambda: commands.content.margins.stale_after_ns,
+            edges=lambda: live.edges,
+            static_edges=lambda: commands.content.tf_static_edges,
+            fresh_ns=lambda: commands.content.margins.stale_after_ns,
             moving=not is_tf,
         )
         deliver: Deliver = live.add

@@ -204,16 +204,17 @@ class SenderWatch:
 
     def start(
         self,
+        *,
         edges: Callable[[], Collection[tuple[str, str]]],
         static_edges: Callable[[], Sequence[Transform]],
         fresh_ns: Callable[[], int],
-        *,
         moving: bool,
     ) -> None:
         """Read the graph for a session, and ``/tf_static``; with ``moving`` also ``/tf``.
 
         ``edges`` and ``static_edges`` return the session's present measured edges and static
-        transforms without waiting for a step, ``fresh_ns`` the time for which a sample is in use.
+        transforms without waiting for a step, ``fresh_ns`` the time in ns for which a sample is in
+        use.
         """
         self._edges, self._static_edges, self._fresh_ns = edges, static_edges, fresh_ns
         self._timer = self._ros.every(CHECK_S, self._check)

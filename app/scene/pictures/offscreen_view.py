@@ -163,7 +163,7 @@ class SceneApplication:
 def three_d_view(application: SceneApplication, name: str, bottom: Rgb, top: Rgb) -> "ThreeDView":
     """A view of the scene without box and labels, on a background from ``bottom`` to ``top``.
 
-    It is drawn when it is told to be. Raises `OffscreenError` where VTK cannot draw without a
+    It renders only on request. Raises `OffscreenError` where VTK cannot draw without a
     screen.
     """
     # Imported here: desktop Slicer imports this module, but has no trame-slicer.

@@ -50,7 +50,10 @@ class Watched:
         )
         static.publish(tf_message([(BASE, Stamp(0))]))
         self.senders.start(
-            lambda: EDGES, lambda: self.static_edges, lambda: 75 * NS_PER_MS, moving=True
+            edges=lambda: EDGES,
+            static_edges=lambda: self.static_edges,
+            fresh_ns=lambda: 75 * NS_PER_MS,
+            moving=True,
         )
 
     @property
