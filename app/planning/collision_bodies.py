@@ -32,9 +32,14 @@ class Body:
 
 
 def _hull_of(points: FloatArray) -> FloatArray:
-    """The corners of the convex hull; all points if these are in a plane."""
+    """The corners of the convex hull of ``points`` (n, 3); all points if Qhull finds none.
+
+    Qhull leaves out corners of a plate that is nearly flat. So it gets the points stretched to the
+    same extent in all directions, which changes no corner.
+    """
+    stretched = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[0]
     try:
-        return np.asarray(points[ConvexHull(points).vertices], np.float64)
+        return np.asarray(points[ConvexHull(stretched).vertices], np.float64)
     except QhullError:
         return points
 

@@ -215,10 +215,11 @@ def _are_apart(
     motion: Motion,
     gap: float,
 ) -> bool:
-    """True if a plane has the hulls of the bodies on its two sides, ``gap`` apart all the way.
+    """True if a plane has the hulls of the bodies on its two sides, ``gap`` mm apart all the way.
 
-    By the descent of Gilbert (1966) to the nearest point ``v`` of the difference of the hulls, with
-    the corners of the second at both ends of their straight way, and its bend as a gap.
+    Rotation, shift and motion of the second are those of `_box_gap`. By the descent of Gilbert
+    (1966) to the nearest point ``v`` of the difference of the hulls, with the corners of the second
+    at both ends of their straight way, and its bend as a gap.
     """
     hulls, first, turn = bodies.hulls, bodies.hull_first, motion[0]
     gap += motion[2]
@@ -233,24 +234,24 @@ def _are_apart(
         high, i = -math.inf, first[a]
         for k in range(first[a], first[a + 1]):
             at = n[0] * hulls[k, 0] + n[1] * hulls[k, 1] + n[2] * hulls[k, 2]
-            if at > high:
+            if not at <= high:  # NaN, too: proves nothing
                 high, i = at, k
         # The place of a corner along the plane's normal, and its way: linear in the corner.
         place, way = _turned_back(x, y, z, n), cross(n, turn)
         along = dot(way, shift) + dot(n, motion[1])
         way = _turned_back(x, y, z, way)
-        low, j, side = math.inf, first[b], 0.0
+        low, j = math.inf, first[b]
         for k in range(first[b], first[b + 1]):
             go = along + way[0] * hulls[k, 0] + way[1] * hulls[k, 1] + way[2] * hulls[k, 2]
             at = place[0] * hulls[k, 0] + place[1] * hulls[k, 1] + place[2] * hulls[k, 2] - abs(go)
-            if at < low:
-                low, j, side = at, k, go
+            if not at >= low:
+                low, j = at, k
         if low + dot(n, shift) - high >= gap:
             return True
         corner = row(hulls, j)
         corner = add(shift, (dot(x, corner), dot(y, corner), dot(z, corner)))
-        go = add(motion[1], cross(turn, corner))
-        corner = sub(corner, go) if side > 0.0 else add(corner, go)
+        nearer = add(motion[1], cross(turn, corner))
+        corner = sub(corner, scaled(math.copysign(1.0, dot(n, nearer)), nearer))
         change = sub(sub(corner, row(hulls, i)), v)
         part = -dot(v, change) / max(dot(change, change), 1e-12)
         v = add(v, scaled(min(max(part, 0.0), 1.0), change))

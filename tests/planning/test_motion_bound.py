@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from app.planning import CollisionModel
-from app.planning.collision_distance import find_nearer
+from app.planning.collision_bodies import _hull_of
+from app.planning.collision_distance import _are_apart, find_nearer
 from app.planning.collision_kernel import _set_range
-from tests.planning.approach_scenes import load, random_queries
+from tests.planning.approach_scenes import load, random_queries, random_structures
 
 pytestmark = pytest.mark.slow
 
@@ -76,3 +77,34 @@ def test_pair_that_comes_nearer_than_its_clearance_is_not_proven(name):
         proven += half_of_it == math.inf
     assert tested > 40
     assert proven > tested // 4
+
+
+@pytest.mark.parametrize("thickness_mm", [10.0, 1e-9, 1e-10, 1e-12, 0.0])
+def test_hull_of_a_plate_reaches_as_far_as_its_points(thickness_mm):
+    rng, angles = np.random.default_rng(5), np.linspace(0.0, math.tau, 1000)
+    wavy = thickness_mm * np.cos(7.0 * angles)
+    disc = np.column_stack([100.0 * np.cos(angles), 100.0 * np.sin(angles), wavy])
+    inner = disc * [[0.5, 0.5, 0.0]]
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    points = np.concatenate([disc, inner]) @ turn + 50.0
+    hull, ways = _hull_of(points), rng.normal(size=(2000, 3))
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    assert ((points @ ways.T).max(axis=0) - (hull @ ways.T).max(axis=0)).max() < 1e-9
+    assert len(hull) < len(points)
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf])
+def test_plane_proves_no_motion_that_is_not_finite(number):
+    robot = load("touch")
+    structures = random_structures(robot, np.random.default_rng(6), 1)
+    bodies = CollisionModel(robot, (), {}, structures, clearance_mm=1.0, carried={})._arrays
+    rows, still = [tuple(row) for row in np.eye(3).tolist()], (0.0, 0.0, 0.0)
+    for place, motion, apart in (
+        (1e4, (still, still, 0.0, 0.0), True),
+        (number, (still, still, 0.0, 0.0), False),
+        (1e4, ((0.0, number, 0.0), still, 0.0, 0.0), False),
+        (1e4, (still, (number, 0.0, 0.0), 0.0, 0.0), False),
+        (1e4, (still, still, number, 0.0), False),
+    ):
+        shift = (place, 0.0, 0.0)
+        assert _are_apart(bodies, 0, 0, *rows, shift, motion, 1.0) == apart
