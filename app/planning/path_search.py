@@ -4,9 +4,9 @@ OMPL searches. A proof of a motion takes much longer than a test of some states,
 a search are not on the path that it finds: only this one is proven. If that fails, it is searched
 again with finer tests, down to proofs (after the lazy planner of Bohlin and Kavraki 2000).
 
-A joint that turns several times has the same pose at several positions. So the search is near the
-ends first, where each pose is once or twice, and turns by turns within all limits: some paths, such
-as out of a winding, lead through more turns.
+A joint that turns several times has the same pose at several positions. So the first search is near
+the ends, where each pose is once or twice. Later ones alternate between that and all limits: some
+paths, such as out of a winding, lead through more turns.
 """
 
 import math
