@@ -33,7 +33,6 @@ from app.session.tracked_edges import (
     LIMITS,
     PATH,
     REASONS,
-    REFUSED,
     SAMPLE,
     TAKEN,
     Steps,
@@ -44,7 +43,6 @@ from app.session.tracked_edges import (
 
 _NOTHING: frozenset[Reason] = frozenset()
 _JUMPED = frozenset({Reason.CLOCK_JUMPED_BACK})
-_MAX_PATHS = 100
 _NOTHING_FIXED = Transform.identity("frame", "frame")
 _Path: TypeAlias = tuple[str, str, Transform, Transform]
 
@@ -69,7 +67,8 @@ _UNKNOWN = MeasuredPose(None, None, 0, frozenset({Reason.MISSING}))
 class PoseTree:
     """Holds the latest sample of each edge; drops all samples when the source's clock jumps back.
 
-    The latest sample is the one acquired last: a sample that arrives after a newer one is ignored.
+    The latest sample is the one acquired last: a sample that arrives after a newer one is ignored,
+    even if the newer one was not plausible.
 
     A pose that repeats the same values for longer than ``limits.frozen_after_ns`` is frozen, unless
     its sensor rests and has repeated as long before; the poses of a tracker whose sensors all
@@ -81,7 +80,7 @@ class PoseTree:
 
     On the paths between the pairs of frames ``checked``, a pose that its sensor cannot have reached
     by ``motion`` is not used (`app.session.sensor_motion`). A path that was asked for once is
-    followed in every frame.
+    followed in every frame until the arguments are replaced.
     """
 
     def __init__(
@@ -107,6 +106,8 @@ class PoseTree:
         self._motion = motion or MotionLimits()
         self._make_room(4)
         self._samples: State = np.zeros(0, SAMPLE)
+        self._followed: State = np.zeros(0, PATH)
+        self._steps: Steps = np.zeros((0, 2), np.int64)
         self._paths: dict[_Path, tuple[int, str, str]] = {}
         """Number of each path that was asked for, and the frames of its pose."""
         self._found: list[list[int]] | None = None
@@ -141,18 +142,18 @@ class PoseTree:
         """Store the samples of ``frame`` and make its stamp the present.
 
         Returns `Reason.CLOCK_JUMPED_BACK` when the present went back; all earlier samples are
-        then dropped.
+        then dropped. Raises `StampError` for stamps of another clock; nothing is then changed.
         """
         now = frame.stamp
         jumped = self._now is not None and now < self._now
+        rows = self._write(frame)
         if not self._are_checked:
             self._check_paths()
         if jumped:
             self._restart()
         self._now, self._found = now, None
         self.accepted = frame
-        """The last frame without the samples that are not plausible."""
-        rows = self._write(frame)
+        """The last frame without the samples that are late or not plausible."""
         others = take_samples(
             self._samples,
             len(rows),
@@ -193,17 +194,14 @@ class PoseTree:
         return rows
 
     def _note_others(self, frame: TrackingFrame, outcomes: list[int]) -> None:
-        """Note samples of new edges, and those that are not plausible."""
-        known, refused = len(self._edges), []
-        for sample, outcome in zip(frame.poses, outcomes, strict=True):
+        """Note the edges that are new, and the samples that were not taken."""
+        known, each = len(self._edges), zip(frame.poses, outcomes, strict=True)
+        taken = tuple(sample for sample, outcome in each if outcome == TAKEN)
+        for sample in taken:
             edge = sample.target, sample.source
-            if outcome == TAKEN:
-                self._edges.setdefault(edge, self._rows[edge])
-            elif outcome == REFUSED:
-                refused.append(sample)
-        if refused:
-            plausible = tuple(sample for sample in frame.poses if sample not in refused)
-            self.accepted = replace(frame, poses=plausible)
+            self._edges.setdefault(edge, self._rows[edge])
+        if len(taken) < len(frame.poses):
+            self.accepted = replace(frame, poses=taken)
         if len(self._edges) > known:
             self._know_edges()
 
@@ -245,10 +243,9 @@ class PoseTree:
             target = (outer @ Transform.identity(target, source)).target
         if inner is not _NOTHING_FIXED:
             source = (Transform.identity(target, source) @ inner).source
-        if len(self._paths) == _MAX_PATHS:
-            self._paths.clear()
-        self._paths[path] = len(self._paths), target, source
-        self._follow()
+        number = len(self._paths)
+        self._paths[path] = number, target, source
+        self._follow(number)
 
     def usable(self) -> dict[Edge, TrackedTransform | None]:
         """Latest sample of each edge; None for one that may not be used now."""
@@ -321,11 +318,12 @@ class PoseTree:
         self.edges, self._are_checked = tuple(self._edges), False
         self._follow()
 
-    def _follow(self) -> None:
-        """Find the paths anew, over the edges that are known now, and follow them."""
-        steps: list[tuple[int, int]] = []
-        self._followed: State = np.zeros(len(self._paths), PATH)
-        for path, (target, source, *fixed) in zip(self._followed, self._paths, strict=True):
+    def _follow(self, first: int = 0) -> None:
+        """Find the paths from the ``first`` on anew, over the edges known now, and follow them."""
+        paths = list(self._paths)[first:]
+        followed: State = np.zeros(len(paths), PATH)
+        steps = self._steps.tolist() if first else []
+        for path, (target, source, *fixed) in zip(followed, paths, strict=True):
             edges = shortest_path(self._edges, target, source)
             path["first"], path["count"] = len(steps), -1 if edges is None else len(edges)
             for name, pose in zip(("outer", "inner"), fixed, strict=True):
@@ -334,8 +332,9 @@ class PoseTree:
             for edge in edges or ():
                 steps.append((self._edges[edge], int(edge[0] != target)))
                 target = edge[1] if edge[0] == target else edge[0]
-        self._steps: Steps = np.array(steps, np.int64).reshape(-1, 2)
-        follow_paths(self._followed, self._steps, self._state)
+        self._steps = np.array(steps, np.int64).reshape(-1, 2)
+        follow_paths(followed, self._steps, self._state)
+        self._followed = np.concatenate([self._followed[:first], followed])
         numbers = self._followed.view(np.int64).reshape(-1, PATH.itemsize // 8)
         self._verdicts = numbers[:, 1:5]  # count to problems: all fields have 8 bytes
         self._found = None

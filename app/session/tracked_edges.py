@@ -66,16 +66,16 @@ EDGE = np.dtype(
         ("has_sensor", np.bool_),  # it touches a moving frame: a repetition is no fixed transform
         ("is_shown_only", np.bool_),  # no decision depends on it
         ("is_checked", np.bool_),  # a pose that its sensor cannot have reached is refused
-        ("is_known", np.bool_),  # there is a sample since the last jump of the clock
-        ("ns", np.int64),  # stamp of the latest one
+        ("is_seen", np.bool_),  # there is a sample since the last jump of the clock
+        ("seen_ns", np.int64),  # stamp of the latest one
+        ("is_known", np.bool_),  # one of them was taken
+        ("ns", np.int64),  # stamp of the latest one that was
         ("bad", np.int64),  # its problems that do not depend on its age
         ("is_good", np.bool_),  # there is a good sample since the last jump: the latest one's
         ("rotation", np.float64, (3, 3)),  # pose in mm, and the time of its first repetition
         ("position", np.float64, 3),
         ("unchanged_since_ns", np.int64),
         ("has_changed", np.bool_),  # the pose has changed, ever
-        ("is_seen", np.bool_),  # a sample has been checked since the last jump: the latest
-        ("seen_ns", np.int64),  # one's stamp
         ("unchanged_ns", np.int64),  # verdict at the present: as in `MeasuredPose`
         ("problems", np.int64),
         ("repetition", SENSOR_REPETITION),
@@ -97,7 +97,7 @@ SAMPLE = np.dtype(
 )
 
 TAKEN, LATE, REFUSED = range(3)
-"""Outcome of a sample: the edge's latest; acquired before that; not plausible."""
+"""Outcome of a sample: the edge's latest; acquired before the one seen last; not plausible."""
 
 PATH = np.dtype(
     [
@@ -163,30 +163,25 @@ def take_samples(
 def _take(edge: Record, sample: Record, now_ns: int, frozen_after_ns: int) -> int:
     """Make ``sample`` the latest of ``edge`` unless it is late or not plausible; its outcome.
 
-    Lost samples in between do not end a frozen run. A stamp from the future counts as ``now_ns``,
-    because no sample can have been acquired later.
+    A sample is late after a newer one, even after one that was refused, unless that was stamped in
+    the future. Lost samples in between do not end a frozen run. A stamp from the future counts as
+    ``now_ns``, because no sample can have been acquired later.
     """
     ns, status = sample["ns"], sample["status"]
     rotation, position, at_ns = sample["rotation"], sample["position"], min(ns, now_ns)
-    is_pose = status == _OK and not _is_too_far(position)
-    if edge["is_checked"] and not _is_late(edge["is_seen"], edge["seen_ns"], ns, now_ns):
-        edge["is_seen"], edge["seen_ns"] = True, ns
-        if is_pose and not update_motion(edge["motion"], rotation, position, at_ns):
-            return REFUSED
-    if _is_late(edge["is_known"], edge["ns"], ns, now_ns):
+    if edge["is_seen"] and ns < edge["seen_ns"] and edge["seen_ns"] <= now_ns:
         return LATE
+    edge["is_seen"], edge["seen_ns"] = True, ns
+    is_pose = status == _OK and not _is_too_far(position)
+    is_checked = is_pose and edge["is_checked"]
+    if is_checked and not update_motion(edge["motion"], rotation, position, at_ns):
+        return REFUSED
     edge["is_known"], edge["ns"], edge["bad"] = True, ns, _BITS_OF_STATUS[status]
     if is_pose:
         _note_pose(edge, rotation, position, at_ns, frozen_after_ns)
     elif status == _OK:
         edge["bad"] = _TOO_FAR
     return TAKEN
-
-
-@inlined
-def _is_late(is_known: bool, latest_ns: int, ns: int, now_ns: int) -> bool:
-    """True for a stamp before the latest one, unless that is from the future."""
-    return is_known and ns < latest_ns and latest_ns <= now_ns
 
 
 @kernel

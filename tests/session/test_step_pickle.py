@@ -16,8 +16,11 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def steps(case):
-    """Steps of the recorded case with the tumour at the tool's tip, the last ones without it."""
+def pickled(case):
+    """Steps of the recorded case with the tumour at the tool's tip, the last ones without it.
+
+    Each with its pickle from before the next step.
+    """
     setup = setup_from_case(case)
     frames = list(islice(case.frames(), 40))
     needle, cautery = (
@@ -27,7 +30,13 @@ def steps(case):
     at_tip = (needle.inverse() @ cautery @ setup.tool_from_tip).renamed(source="tumor")
     session = Session(replace(setup, frame_from_tumor=at_tip))
     lost = [replace(frame, poses=tuple(map(without_pose, frame.poses))) for frame in frames[30:]]
-    return [session.step(frame) for frame in (*frames[:30], *lost)]
+    steps = (session.step(frame) for frame in (*frames[:30], *lost))
+    return [(step, pickled_steps([step])) for step in steps]
+
+
+@pytest.fixture(scope="module")
+def steps(pickled):
+    return [step for step, _ in pickled]
 
 
 def without_pose(pose):
@@ -44,7 +53,7 @@ def assert_same(found: object, expected: object) -> None:
         assert list(found) == list(expected)
         for name in expected:
             assert_same(found[name], expected[name])
-    elif isinstance(expected, tuple):
+    elif isinstance(expected, (tuple, list)):
         assert len(found) == len(expected)
         for ours, theirs in zip(found, expected, strict=True):
             assert_same(ours, theirs)
@@ -67,6 +76,11 @@ def test_steps_are_equal_in_the_other_process(steps):
     assert any(sample.transform is None for step in steps for sample in step.frame.poses)
     assert any(step.links for step in steps)
     assert any(step.decision.proximity and step.decision.proximity.contact for step in steps)
+
+
+def test_no_step_is_changed_by_the_next_ones(pickled):
+    for step, before in pickled:
+        assert_same(pickle.loads(pickled_steps([step])), pickle.loads(before))
 
 
 def test_the_pickle_is_smaller_than_that_of_pickle(steps):

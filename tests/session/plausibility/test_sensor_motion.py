@@ -373,11 +373,20 @@ def test_sample_after_one_of_the_future_is_checked():
     assert not sensor.passes([30.0, 0.0, 0.0])
 
 
-def test_late_sample_is_left_to_the_poses_and_teaches_nothing():
+def test_late_sample_is_not_used_and_teaches_nothing():
     sensor = Checked()
-    assert sensor.passes([30.0, 0.0, 0.0], ahead_ms=-25.0)
+    assert not sensor.passes([30.0, 0.0, 0.0], ahead_ms=-25.0)
     assert sensor.passes([0.0, 0.0, 0.0])
     assert not sensor.passes([30.0, 0.0, 0.0])
+
+
+def test_late_sample_from_before_a_refused_pose_is_not_used():
+    sensor = Checked()
+    assert not sensor.passes([30.0, 0.0, 0.0])
+    assert not sensor.passes([30.0, 0.0, 0.0], ahead_ms=-30.0)
+    found = sensor.poses.pose(*EDGE)
+    assert found.oldest == Stamp(sensor.now_ns - 40 * NS_PER_MS)
+    assert abs(found.transform.translation_mm).max() < 1.0
 
 
 @pytest.mark.parametrize("name", ["speed_mm_s", "acceleration_rad_s2"])
