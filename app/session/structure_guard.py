@@ -28,9 +28,10 @@ from app.geometry import (
 )
 from app.registration import RegistrationResult, largest_tre, load_tre_kernel, predict_tre
 from app.session.path_depth import PathDepth, PathPoint, deepest_on_path, point_between
-from app.session.pose_tree import MeasuredPose, PoseTree, TumorVelocity, oldest
+from app.session.pose_tree import MeasuredPose, PoseTree, oldest
 from app.session.setup import REFERENCE, SessionSetup
 from app.session.structure import Structure, StructureStep
+from app.session.tumor_velocity import TumorVelocity
 
 _DEPTH_TOLERANCE_MM = 0.1
 _DEPTH_EVALUATIONS = 16
