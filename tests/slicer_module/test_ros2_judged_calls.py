@@ -1,6 +1,6 @@
 """SlicerROS2's names of parameters, services, tf and robots, against a process with rclpy alone."""
 
-import threading
+import time
 from types import SimpleNamespace
 
 import pytest
@@ -40,42 +40,35 @@ def test_parameters_of_every_type(logic, node, peer, spin_until):
     assert kind.get() == parameters.GetParameterType("gains") == "double_array"
 
 
-class RecordingEvent(threading.Event):
-    """Event of a wait for a server; records that it pauses."""
-
-    records: list[str]
-
-    def wait(self, timeout: float | None = None) -> bool:
-        self.records.append("pause")
-        return super().wait(timeout)
-
-
 def test_new_client_pauses_only_until_its_server_is_known(logic, node, peer, monkeypatch):
-    RecordingEvent.records = []
-    monkeypatch.setattr(
-        service_client, "threading", SimpleNamespace(**vars(threading) | {"Event": RecordingEvent})
-    )
+    records = []
+
+    def pause(seconds):
+        records.append("pause")
+        time.sleep(seconds)
+
+    monkeypatch.setattr(service_client, "time", SimpleNamespace(**vars(time) | {"sleep": pause}))
     for value in (True, False, True):
         client = node.CreateAndAddServiceClientNode("SetBool", "/peer/echo")
-        ready, send = client._client._server._ready, client._client._client.call_async
+        called = client._client._client
+        ready, send = called.service_is_ready, called.call_async
 
         def is_ready(ready=ready):
             found = ready()
-            RecordingEvent.records.append("ready" if found else "not ready")
+            records.append("ready" if found else "not ready")
             return found
 
         def call(request, send=send):
-            RecordingEvent.records.append("sent")
+            records.append("sent")
             return send(request)
 
-        monkeypatch.setattr(client._client._server, "_ready", is_ready)
-        monkeypatch.setattr(client._client._client, "call_async", call)
-        RecordingEvent.records.clear()
+        monkeypatch.setattr(called, "service_is_ready", is_ready)
+        monkeypatch.setattr(called, "call_async", call)
+        records.clear()
         assert client.SendAsyncRequest({"data": value}) == 1
         assert logic.WaitForServiceResponse(client, DEADLINE_S), client.GetLastError()
         assert client.GetLastResponse().GetSuccess() is value
-        records = RecordingEvent.records
-        del records[records.index("sent") + 1 :]  # pauses until the reply arrives
+        del records[records.index("sent") + 1 :]  # what follows waits for the reply
         assert records[-2:] == ["ready", "sent"]
         assert records[:-2] == ["not ready", "pause"] * (len(records) // 2 - 1)
         assert node.RemoveAndDeleteServiceClientNode("/peer/echo")
