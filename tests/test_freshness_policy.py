@@ -33,7 +33,7 @@ from app.geometry import (
 from app.robot import robot_from_text
 from app.scene import TransformWatchdog
 from app.scene.shown_margin import shown_margin
-from app.session import PoseTree, StepResult
+from app.session import PoseRules, PoseTree, StepResult
 from tests.bridge.robots.conftest import URDF
 from tests.doubles import PARAMETERS, HeldMonitor, near
 
@@ -67,7 +67,7 @@ def step(stamp_ns: int) -> StepResult:
 
 
 def used_by_pose_tree(stamp_ns: int) -> bool:
-    tree = PoseTree(PARAMETERS.freshness_limits, ("cautery",))
+    tree = PoseTree(PoseRules(PARAMETERS.freshness_limits, ("cautery",)))
     tree.insert(TrackingFrame(Stamp(NOW_NS), (sample(stamp_ns),)))
     return tree.pose("tracker", "cautery").transform is not None
 

@@ -32,7 +32,7 @@ from .live_session import LiveSession, PlaybackRule
 from .moment_text import moment_text
 from .path_depth import PathDepth, PathPoint, deepest_on_path
 from .pose_plausibility import SINGLE_SOURCE
-from .pose_tree import MeasuredPose, PoseTree
+from .pose_tree import MeasuredPose, PoseRules, PoseTree
 from .session import Session
 from .setup import (
     REFERENCE,
@@ -95,6 +95,7 @@ __all__ = [
     "PathDepth",
     "PathPoint",
     "PlaybackRule",
+    "PoseRules",
     "PoseTree",
     "ProximityModel",
     "RobotSetup",

@@ -33,7 +33,7 @@ from app.registration import (
     solve_robot_world,
 )
 from app.robot import Robot, load_robot
-from app.session.pose_tree import PoseTree, is_sampled
+from app.session.pose_tree import PoseRules, PoseTree, is_sampled
 from app.session.setup import REFERENCE, RobotSetup
 
 if TYPE_CHECKING:
@@ -225,7 +225,7 @@ def _register_dwells(
     case: Case, entry: RegistrationEntry, robot: RobotSetup, margins: MarginParameters
 ) -> tuple[RegistrationResult, Transform]:
     tool = case.manifest.tool
-    poses = PoseTree(margins.freshness_limits, (tool.frame,))
+    poses = PoseTree(PoseRules(margins.freshness_limits, (tool.frame,)))
     dwells = dwell_poses(
         case.frames(), entry.dwells, poses, tool_from_tip=tool.tool_from_tip, robot=robot
     )
@@ -307,7 +307,7 @@ def tip_signals(case: Case, frames: Iterable[TrackingFrame]) -> tuple[TimedSigna
         raise InputError(f"{case.folder} has no joints; expected a case with robot.joint_states")
     margins, tool, tool_link = manifest.margins, manifest.tool, manifest.robot.tool_link
     limits = FreshnessLimits(margins.stale_after_ns, margins.frozen_after_ns)
-    poses = PoseTree(limits, (tool.frame,))
+    poses = PoseTree(PoseRules(limits, (tool.frame,)))
     robot = load_case_robot(case)
     joint_times: list[int] = []
     joint_tips: list[FloatArray] = []

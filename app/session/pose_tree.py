@@ -1,7 +1,7 @@
 """Latest sample of every measured edge, and the pose between any two frames computed from them."""
 
 from collections.abc import Iterable
-from dataclasses import astuple, replace
+from dataclasses import astuple, dataclass, field, replace
 from functools import cache
 from typing import NamedTuple, TypeAlias
 
@@ -61,11 +61,9 @@ class MeasuredPose(NamedTuple):
 _UNKNOWN = MeasuredPose(None, None, 0, frozenset({Reason.MISSING}))
 
 
-class PoseTree:
-    """Holds the latest sample of each edge; drops all samples when the source's clock jumps back.
-
-    The latest sample is the one acquired last: a sample that arrives after a newer one is ignored,
-    even if the newer one was not plausible.
+@dataclass(frozen=True, slots=True)
+class PoseRules:
+    """The limits of the samples, and the frames that they concern.
 
     A pose that repeats the same values for longer than ``limits.frozen_after_ns`` is frozen, unless
     its sensor rests and has repeated as long before; the poses of a tracker whose sensors all
@@ -76,18 +74,26 @@ class PoseTree:
     ``shown_frames`` alone does not show that its tracker goes on: no decision depends on it.
 
     On the paths between the pairs of frames ``checked``, a pose that its sensor cannot have reached
-    by ``motion`` is not used (`app.session.sensor_motion`). A path that was asked for once is
-    followed in every frame until the arguments are replaced.
+    by ``motion`` is not used (`app.session.sensor_motion`).
     """
 
-    def __init__(
-        self,
-        limits: FreshnessLimits,
-        moving_frames: tuple[str, ...],
-        shown_frames: tuple[str, ...] = (),
-        motion: MotionLimits | None = None,
-        checked: tuple[Edge, ...] = (),
-    ) -> None:
+    limits: FreshnessLimits
+    moving_frames: tuple[str, ...]
+    shown_frames: tuple[str, ...] = ()
+    motion: MotionLimits = field(default_factory=MotionLimits)
+    checked: tuple[Edge, ...] = ()
+
+
+class PoseTree:
+    """Holds the latest sample of each edge; drops all samples when the source's clock jumps back.
+
+    The latest sample is the one acquired last: a sample that arrives after a newer one is ignored,
+    even if the newer one was not plausible.
+
+    A path that was asked for once is followed in every frame until the rules are replaced.
+    """
+
+    def __init__(self, rules: PoseRules) -> None:
         self._now: Stamp | None = None
         self._rows: dict[Edge, int] = {}
         """Number of each edge that was ever sent."""
@@ -100,7 +106,7 @@ class PoseTree:
         self._state: State = np.zeros(0, EDGE)
         self._sources: State = np.zeros(0, SOURCE_REPETITION)
         self._limits: State = np.zeros(1, LIMITS)
-        self._motion = motion or MotionLimits()
+        self._rules = rules
         self._make_room(4)
         self._samples: State = np.zeros(0, SAMPLE)
         self._followed: State = np.zeros(0, PATH)
@@ -109,31 +115,27 @@ class PoseTree:
         """Number of each path that was asked for, and the frames of its pose."""
         self._found: list[list[int]] | None = None
         """Numbers of each path at the present, once they are read."""
-        self.use(limits, moving_frames, shown_frames, motion, checked)
+        self.use(rules)
         # Run the kernels once, so that the first step does not wait for the compiler.
         self.insert(TrackingFrame(Stamp(0), ()))
         self._now = None
 
-    def use(
-        self,
-        limits: FreshnessLimits,
-        moving_frames: tuple[str, ...],
-        shown_frames: tuple[str, ...] = (),
-        motion: MotionLimits | None = None,
-        checked: tuple[Edge, ...] = (),
-    ) -> None:
-        """Replace the arguments between two frames; what is known of the sensors is kept."""
-        self.limits, self._moving, self._shown = limits, moving_frames, shown_frames
-        self._checked, self._motion = checked, motion or MotionLimits()
-        self._are_checked = False
-        self._limits[0] = limits.numbers_ns
-        self._state["motion"]["limits"] = astuple(self._motion)
+    def use(self, rules: PoseRules) -> None:
+        """Replace the rules between two frames; what is known of the sensors is kept."""
+        self._rules, self._are_checked = rules, False
+        self._limits[0] = rules.limits.numbers_ns
+        self._state["motion"]["limits"] = astuple(rules.motion)
         for edge in self._rows:
             self._mark(edge)
         self._paths.clear()
         now_ns = 0 if self._now is None else self._now.ns  # no edges are known then
         judge_edges(self._state, self._sources, self._limits, now_ns)
         self._follow()
+
+    @property
+    def limits(self) -> FreshnessLimits:
+        """Those of the samples' age."""
+        return self._rules.limits
 
     def insert(self, frame: TrackingFrame) -> frozenset[Reason]:
         """Store the samples of ``frame`` and make its stamp the present.
@@ -283,21 +285,21 @@ class PoseTree:
         """Make room for ``count`` edges, each of another tracker; keep what is known."""
         before, sources = self._state, self._sources
         self._state, self._sources = np.zeros(count, EDGE), np.zeros(count, SOURCE_REPETITION)
-        begin_motion(self._state["motion"], self._motion)
+        begin_motion(self._state["motion"], self._rules.motion)
         self._state[: len(before)], self._sources[: len(sources)] = before, sources
         self._problems, self._refused = self._state["problems"], self._state["motion"]["refused"]
 
     def _mark(self, edge: Edge) -> None:
         target, source = edge
-        state, moving = self._state[self._rows[edge]], self._moving
+        state, moving = self._state[self._rows[edge]], self._rules.moving_frames
         state["source"] = self._trackers[target]
         state["has_sensor"] = target in moving or source in moving
-        state["is_shown_only"] = source in self._shown and source not in moving
+        state["is_shown_only"] = source in self._rules.shown_frames and source not in moving
 
     def _check_paths(self) -> None:
         """Mark the edges on the checked paths over those that are known so far."""
         self._are_checked = True
-        paths = [shortest_path(self._edges, *ends) or () for ends in self._checked]
+        paths = [shortest_path(self._edges, *ends) or () for ends in self._rules.checked]
         self._state["is_checked"] = False
         for row in {self._edges[edge] for path in paths for edge in path}:
             self._state[row]["is_checked"] = True

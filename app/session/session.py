@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 from app.case import TrackingFrame
 from app.fixture import Reason
-from app.geometry import Edge, FrameError, FreshnessLimits, Stamp, Transform
+from app.geometry import Edge, FrameError, Stamp, Transform
 from app.hold import Hold, tightest_margins
 from app.session.combined_decision import CombinedDecision
 from app.session.far_structures import FarDistance, FarStructures
@@ -15,8 +15,7 @@ from app.session.link_poses import RobotLinks
 from app.session.loosening import AcknowledgedSetup
 from app.session.named_frames import base_measured_problem
 from app.session.pose_plausibility import Plausibility, motion_limits
-from app.session.pose_tree import MeasuredPose, PoseTree, oldest
-from app.session.sensor_motion import MotionLimits
+from app.session.pose_tree import MeasuredPose, PoseRules, PoseTree, oldest
 from app.session.setup import REFERENCE, SessionSetup
 from app.session.step_result import StepResult, known_edges
 from app.session.structure import Structure, StructureStep
@@ -41,7 +40,7 @@ class Session:
         self.setup = self.requested = setup
         self._free_motion = free_motion
         self._static_edges = setup.static_edges
-        self._poses = PoseTree(*_tracked(setup))
+        self._poses = PoseTree(_pose_rules(setup))
         self._tool_frames = _tool_frames(setup)
         self._guards = [self._guard(each) for each in setup.guarded]
         self._combined = CombinedDecision()
@@ -243,7 +242,7 @@ class Session:
     def _use(self, setup: SessionSetup) -> None:
         before, self.setup = self.setup, setup
         self._static_edges = setup.static_edges
-        self._poses.use(*_tracked(setup))
+        self._poses.use(_pose_rules(setup))
         self._tool_frames = _tool_frames(setup)
         if self._far is not None:
             for number in range(len(self._guards)):
@@ -320,11 +319,8 @@ def _places(setup: SessionSetup) -> tuple[object, ...]:
     return setup.tool_from_tip, setup.robot, *shapes
 
 
-def _tracked(
-    setup: SessionSetup,
-) -> tuple[FreshnessLimits, tuple[str, ...], tuple[str, ...], MotionLimits, tuple[Edge, ...]]:
-    """The arguments of `PoseTree`."""
-    return (
+def _pose_rules(setup: SessionSetup) -> PoseRules:
+    return PoseRules(
         setup.margins.freshness_limits,
         setup.moving_frames,
         setup.shown_frames,

@@ -8,7 +8,7 @@ from app.case import TrackingFrame
 from app.fixture import MarginState, Proximity, Reason, path_mm, worst_first
 from app.geometry import Transform
 from app.session.far_structures import BEYOND_MM
-from app.session.pose_tree import PoseTree
+from app.session.pose_tree import PoseRules, PoseTree
 from app.session.setup import REFERENCE, OtherTool, SessionSetup
 
 
@@ -56,7 +56,7 @@ class ToolDistances:
 
     def __init__(self, setup: SessionSetup, *, skip_far: bool) -> None:
         self._skip_far = skip_far
-        self._poses = PoseTree(setup.margins.freshness_limits, ())
+        self._poses = PoseTree(PoseRules(setup.margins.freshness_limits, ()))
         self.use(setup)
 
     def use(self, setup: SessionSetup) -> None:
@@ -64,7 +64,7 @@ class ToolDistances:
         self._setup, self._tool = setup, setup.tool_from_tip.target
         others = (each.tool_from_tip.target for each in setup.other_tools)
         moving = (*setup.moving_frames, REFERENCE, *others)
-        self._poses.use(setup.margins.freshness_limits, moving)
+        self._poses.use(PoseRules(setup.margins.freshness_limits, moving))
         self._tips = [each.tool_from_tip.inverse() for each in setup.other_tools]
         self._last: dict[str, tuple[Transform, float]] = {}
         """Pose at which each was measured last, and its lower bound in mm there."""

@@ -14,7 +14,7 @@ import numpy as np
 from app.case import TrackingFrame, read_recording
 from app.fixture import Reason
 from app.geometry import NS_PER_MS, NS_PER_S, FreshnessLimits, Stamp, TrackedTransform, Transform
-from app.session.pose_tree import PoseTree
+from app.session.pose_tree import PoseRules, PoseTree
 
 LIMITS = FreshnessLimits(200 * NS_PER_MS, frozen_after_ns=1000 * NS_PER_MS)
 V_MAX_MM_S = 50.0
@@ -34,7 +34,7 @@ class Recorded:
 
     def tree(self) -> PoseTree:
         """A tree without a history."""
-        return PoseTree(LIMITS, (self.tool, self.reference))
+        return PoseTree(PoseRules(LIMITS, (self.tool, self.reference)))
 
     @property
     def sensors(self) -> tuple[str, ...]:

@@ -11,7 +11,14 @@ from app.case import Dwell, open_case
 from app.fixture import MarginState, Reason
 from app.geometry import NS_PER_MS, NS_PER_S, InputError, Stamp, Transform
 from app.registration import TooFewError
-from app.session import PoseTree, Session, setup_from_case, tip_signals, with_estimated_clock
+from app.session import (
+    PoseRules,
+    PoseTree,
+    Session,
+    setup_from_case,
+    tip_signals,
+    with_estimated_clock,
+)
 from app.session.case_preparation import dwell_poses
 from app.synthetic.simulation import ROBOT_TO_TRACKER_OFFSET_NS
 from app.synthetic.tracker_model import AURORA
@@ -93,7 +100,7 @@ def test_repeated_pose_counts_once_in_a_dwell(case, case_setup, case_frames):
         )
         for at_ms in range(0, 160, 20)
     ]
-    poses = PoseTree(case_setup.margins.freshness_limits, ("cautery",))
+    poses = PoseTree(PoseRules(case_setup.margins.freshness_limits, ("cautery",)))
     with pytest.raises(InputError, match="dwell 1 has 1 good samples of 'cautery' in 'reference'"):
         dwell_poses(
             frames,
@@ -113,7 +120,7 @@ def test_dwell_with_a_moving_reference_is_rejected(case, case_setup, case_frames
             replace(each, poses=tuple(risen(p, rise_mm_a_frame * n) for p in each.poses))
             for n, each in enumerate(case_frames[:75])
         ]
-        tree = PoseTree(case_setup.margins.freshness_limits, ("cautery",))
+        tree = PoseTree(PoseRules(case_setup.margins.freshness_limits, ("cautery",)))
         return dwell_poses(
             frames, [Dwell(0.05, 1.25)], tree, tool_from_tip=tool_from_tip, robot=case_setup.robot
         )

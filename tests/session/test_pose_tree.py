@@ -14,7 +14,7 @@ from app.geometry import (
     Transform,
 )
 from app.geometry import TrackingStatus as Status
-from app.session.pose_tree import PoseTree
+from app.session.pose_tree import PoseRules, PoseTree
 from app.session.tracked_edges import REASON_OF_STATUS
 from tests.doubles import frame, lost, sample
 
@@ -27,7 +27,7 @@ class Tree(PoseTree):
 
     def __init__(self) -> None:
         limits = FreshnessLimits(200 * NS_PER_MS, frozen_after_ns=1000 * NS_PER_MS)
-        super().__init__(limits, moving_frames=("cautery", "needle"))
+        super().__init__(PoseRules(limits, moving_frames=("cautery", "needle")))
 
     def put(self, at_ms, *edges, **places):
         """Insert a frame of x in mm by name, and of edges (parent, child, (x, y, z), stamp)."""
@@ -64,7 +64,7 @@ def chains(draw):
 
 @given(chains())
 def test_pose_is_the_product_of_the_matrices_along_the_path(chain):
-    tree = PoseTree(FreshnessLimits(10**9, 10**9), ())
+    tree = PoseTree(PoseRules(FreshnessLimits(10**9, 10**9), ()))
     product = np.eye(4)
     for step, turned in chain:
         product = product @ step.matrix

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from app.fixture import Reason
 from app.geometry import NS_PER_MS, FreshnessLimits
-from app.session.pose_tree import PoseTree
+from app.session.pose_tree import PoseRules, PoseTree
 from app.session.repetition import (
     REST_LIMIT,
     SENSOR_REPETITION,
@@ -30,7 +30,7 @@ class Tracker:
     """Feeds a `PoseTree` with positions in quantisation steps of 0.1 mm, every 20 ms."""
 
     def __init__(self, *edges: tuple[str, str]) -> None:
-        self.tree = PoseTree(LIMITS, ("cautery", "needle"))
+        self.tree = PoseTree(PoseRules(LIMITS, ("cautery", "needle")))
         self.edges = edges or (EDGE,)
         self.at_ms = 0
         self.last = dict.fromkeys(self.edges, 0)

@@ -20,7 +20,7 @@ from app.geometry import (
     Transform,
 )
 from app.registration import usable_poses
-from app.session import REFERENCE, PoseTree, with_estimated_clock
+from app.session import REFERENCE, PoseRules, PoseTree, with_estimated_clock
 
 FROZEN_AFTER_NS = 1000 * NS_PER_MS
 """A tool whose pose is bitwise constant for longer than this is taken as no longer measured."""
@@ -130,7 +130,8 @@ def extract_tool_track(
     _check_known(reference, recording, "--reference")
     if reference == tool:
         raise InputError(f"--reference is {tool!r}, the tool itself; expected another frame")
-    tree = PoseTree(FreshnessLimits(round(max_age_ms * NS_PER_MS), FROZEN_AFTER_NS), (tool,))
+    limits = FreshnessLimits(round(max_age_ms * NS_PER_MS), FROZEN_AFTER_NS)
+    tree = PoseTree(PoseRules(limits, (tool,)))
     samples: list[TrackedTransform] = []
     unusable: Counter[str] = Counter()
     for frame in recording.frames:

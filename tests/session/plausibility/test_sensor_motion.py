@@ -23,7 +23,7 @@ from app.geometry import (
     TrackingStatus,
     Transform,
 )
-from app.session.pose_tree import PoseTree
+from app.session.pose_tree import PoseRules, PoseTree
 from app.session.sensor_motion import (
     CONSISTENT_NS,
     CONSISTENT_SAMPLES,
@@ -280,7 +280,7 @@ from app.registration import given_registration, largest_tre
 from app.session.combined_decision import _keep_nearest, is_narrow
 from app.session.joint_check import MEAN_DRIFT, SUDDEN_CHANGE, change_text, mean_text
 from app.session.joint_check import update_change, update_mean
-from app.session.pose_tree import PoseTree
+from app.session.pose_tree import PoseRules, PoseTree
 
 random, held = np.random.default_rng(3), Transform.identity("tracker", "needle")
 registration = given_registration(Transform.identity("tracker", "base"), np.eye(6))
@@ -290,7 +290,7 @@ names = ("needle", "tool")
 inner = Transform.from_rotation_vector((0.1, 0.2, 0.3), (1, 2, 3), target="tool", source="tip")
 outer = inner.renamed(target="tumor", source="needle")
 limits = FreshnessLimits(200 * NS_PER_MS, 100 * NS_PER_MS)
-tree = PoseTree(limits, names, checked=(names,))
+tree = PoseTree(PoseRules(limits, names, checked=(names,)))
 for k in range(400):
     turn = random.normal(0.0, 0.01, 3) + (k % 150 == 99)
     place = random.normal(0.0, 0.3, 3) + 50.0 * (k % 90 == 80) + 0.1 * k
@@ -348,7 +348,8 @@ class Checked:
     """A sensor at rest at 50 Hz, whose frames a `PoseTree` has seen for two seconds."""
 
     def __init__(self):
-        self.poses, self.now_ns = PoseTree(FreshnessLimits(NS_PER_S), (), checked=(EDGE,)), NS_PER_S
+        rules = PoseRules(FreshnessLimits(NS_PER_S), (), checked=(EDGE,))
+        self.poses, self.now_ns = PoseTree(rules), NS_PER_S
         random = np.random.default_rng(4)
         for _ in range(100):
             assert self.passes(random.normal(0.0, 0.15, 3))
