@@ -261,14 +261,15 @@ def test_clients_with_another_definition_of_a_request_are_named():
     assert foreign_clients(graph, "/left/guard/register", Trigger) == {}
 
 
+@pytest.mark.parametrize("in_thread", [True, False])
 def test_request_of_a_client_with_our_definition_is_served_and_one_beside_another_is_refused(
-    domain_id, monkeypatch
+    domain_id, monkeypatch, in_thread
 ):
     def serve(request, response):
         response.success = True
 
     with ros_nodes(domain_id, "guard", "operator") as (guard, operator):
-        server = ServiceServer(guard, Register, "~/register", serve, in_thread=True)
+        server = ServiceServer(guard, Register, "~/register", serve, in_thread=in_thread)
         client = ServiceClient(operator, Register, server.name)
         assert client.call(Register.Request(), DEADLINE_S).success
         topic = f"rq{server.name}Request"

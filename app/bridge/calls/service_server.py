@@ -205,7 +205,7 @@ class ServiceServer:
         done = Future()
 
         def work() -> None:
-            done.set_result(self._reply(request, response))
+            done.set_result(self._handled(request, response))
             self._ros.wake()
 
         threading.Thread(target=work, name=f"service {self.name}", daemon=True).start()
@@ -229,6 +229,10 @@ class ServiceServer:
             )
 
     def _reply(self, request: Any, response: Any) -> Any:
+        refusal = self._answer(self._check_all, request)
+        return self._handled(request, response) if refusal is None else refusal
+
+    def _handled(self, request: Any, response: Any) -> Any:
         refusal = self._answer(self._handle, request, response)
         if refusal is None:  # an invalid response must fail here, not when it is sent
             refusal = self._answer(serialize_message, response)
