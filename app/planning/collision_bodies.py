@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
@@ -23,8 +22,8 @@ class Body:
         self.bvh = build_bvh(mesh)
         _, first = np.unique(self.bvh.part, return_index=True)
         self.part_points = self.bvh.corners[first, 0]
-        self.solid = _solid_of(mesh)
         self.hull = _hull_of(mesh.vertices_mm)
+        self.solid = _solid_of(mesh, self.hull)
 
     def contains_any(self, points: FloatArray) -> bool:
         """True if one of ``points`` (n, 3) in the frame of the link is inside."""
@@ -44,11 +43,22 @@ def _hull_of(points: FloatArray) -> FloatArray:
         return points
 
 
-def _solid_of(mesh: SurfaceMesh) -> Dipoles:
-    """The surface if it is closed, else its convex hull: an open one has no inside."""
+def _solid_of(mesh: SurfaceMesh, hull: FloatArray) -> Dipoles:
+    """The surface if it is closed, else its convex hull: an open one has no inside.
+
+    The hull of a flat surface has no inside either: it is the surface with its back.
+    """
     if mesh.open_edges():
-        hull = trimesh.Trimesh(mesh.vertices_mm, mesh.faces, process=False).convex_hull
-        mesh = SurfaceMesh(mesh.frame, hull.vertices, hull.faces)
+        try:
+            solid = ConvexHull(hull)
+        except QhullError:
+            faces = np.concatenate([mesh.faces, mesh.faces[:, ::-1]])
+            mesh = SurfaceMesh(mesh.frame, mesh.vertices_mm, faces)
+        else:
+            a, b, c = hull[solid.simplices].swapaxes(0, 1)
+            outward = (np.cross(b - a, c - a) * solid.equations[:, :3]).sum(axis=1) > 0.0
+            faces = np.where(outward[:, None], solid.simplices, solid.simplices[:, ::-1])
+            mesh = SurfaceMesh(mesh.frame, hull, faces)
     return dipoles_of(build_bvh(mesh))
 
 

@@ -249,6 +249,19 @@ def test_carried_body_is_kept_clear_too(touch, start):
         plan(touch, start, {"waist": -0.4}, blocked, carried=carried)
 
 
+@pytest.mark.parametrize("corners", [3, 4])
+def test_flat_body_is_carried_too(touch, start, corners):
+    square = [[-5.0, 0.0, 120.0], [5.0, 0.0, 120.0], [0.0, 0.0, 130.0], [0.0, 0.0, 110.0]]
+    faces = [[0, 1, 2], [1, 0, 3]][: corners - 2]
+    carried = {"sheet": SurfaceMesh("stylus", square[:corners], faces)}
+    pose = touch.forward_kinematics(start)["stylus"]
+    far = {"ball": ball(touch, pose.apply(np.array([0.0, 0.0, 1000.0])))}
+    plan(touch, start, {"waist": -0.4}, far, carried=carried)
+    blocked = {"ball": ball(touch, pose.apply(np.array([0.0, 0.0, 120.0])))}
+    with pytest.raises(ApproachError, match=r"^start: sheet is 0\.00 mm from ball; expected"):
+        plan(touch, start, {"waist": -0.4}, blocked, carried=carried)
+
+
 def test_arm_inside_a_structure_is_in_collision(touch, start):
     around = {"room": ball(touch, [0.0, 0.0, 100.0], radius=2000.0)}
     with pytest.raises(ApproachError, match=r"^start: \w+ is 0\.00 mm from room"):
