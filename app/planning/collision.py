@@ -174,7 +174,9 @@ class CollisionModel:
         self, pairs: Pairs, start: FloatArray, end: FloatArray, assumed_mm: float = 0.0
     ) -> int:
         """Computes the poses of all links, too, as they are at ``end`` if ``start`` is that."""
-        found = blocking_pair(self._arrays, pairs, self._arm, start, end, assumed_mm, self._scratch)
+        # Copies, since Numba compiles once more for arrays that are read-only.
+        ends = np.array([start, end])
+        found = blocking_pair(self._arrays, pairs, self._arm, *ends, assumed_mm, self._scratch)
         if found == INVALID:
             raise InputError(
                 f"joint positions: are {start.tolist()} to {end.tolist()}; expected finite numbers "
