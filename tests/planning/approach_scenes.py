@@ -202,30 +202,24 @@ class CoalScene:
     def _poses(self, trajectory, held, joints):
         """Poses (n, links, 4, 4) at steps of `STEP_MM` of the fastest corner."""
         tree, of_arm = self.robot.tree, arm(self.robot, joints, held)
-        ends = [np.flatnonzero(of_arm.driver == joint) for joint in range(len(joints))]
+        gains = np.where(of_arm.driver == np.arange(len(joints))[:, None], of_arm.gain, 0.0)
 
-        def at(state):
-            values = of_arm.base.copy()
-            for moved, position in zip(ends, state, strict=True):
-                values[moved] += of_arm.gain[moved] * position
-            matrices = np.empty((len(values) + 1, 4, 4))
-            compute_link_poses(
-                values, of_arm.slides, of_arm.origins, of_arm.motions, of_arm.parents, matrices
-            )
+        def at(states):
+            values = of_arm.base + states @ gains
+            matrices = np.empty((*values.shape[:-1], values.shape[-1] + 1, 4, 4))
+            for each, made in zip(values, matrices, strict=True):
+                compute_link_poses(
+                    each, of_arm.slides, of_arm.origins, of_arm.motions, of_arm.parents, made
+                )
             return matrices
 
         rows = [tree.link_rows[name] for name in sorted(self.models)]
         corners = np.array([self.corners[name] for name in sorted(self.models)])
-
-        def points(matrices):
-            m = matrices[rows]
-            return np.einsum("nij,nkj->nki", m[:, :3, :3], corners) + m[:, None, :3, 3]
-
-        made = [at(trajectory[0])]
+        parts = [at(trajectory[:1])]
         for start, end in pairwise(trajectory):
-            way = np.linspace(start, end, 9)
-            places = np.array([points(at(state)) for state in way])
+            m = at(np.linspace(start, end, 9))[:, rows]
+            places = np.einsum("lnij,nkj->lnki", m[..., :3, :3], corners) + m[..., None, :3, 3]
             longest = np.linalg.norm(np.diff(places, axis=0), axis=3).max(axis=(1, 2)).sum()
             count = max(1, int(np.ceil(longest / self.step_mm)))
-            made += [at(start + (end - start) * k / count) for k in range(1, count + 1)]
-        return np.array(made)
+            parts.append(at(np.linspace(start, end, count + 1)[1:]))
+        return np.concatenate(parts)
