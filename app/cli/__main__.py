@@ -1,7 +1,6 @@
 """``python -m app.cli``: the command ``marginguard`` without its script."""
 
-import sys
-
 from app.cli.main import main
+from app.cli.process import leave
 
-sys.exit(main())
+leave(main())

@@ -4,8 +4,6 @@ Exit status: 0; 1 when a check did not hold; 2 on bad input; 130 when interrupte
 terminated, 141 when the reader of standard output has closed it, as shells report it.
 """
 
-import atexit
-import gc
 import os
 import sys
 import traceback
@@ -117,18 +115,8 @@ def build_parser(given: Sequence[str] = ()) -> CommandParser:
     return parser
 
 
-def _skip_last_collection() -> None:
-    """Skip the garbage collection at exit, which takes half a second.
-
-    nanobind names every object of manifold3d that is left then as a leak, so that one needs it.
-    """
-    if "manifold3d" not in sys.modules:
-        gc.freeze()
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status."""
-    atexit.register(_skip_last_collection)
     given = sys.argv[1:] if arguments is None else list(arguments)
     try:
         options = build_parser(given).parse_args(given)

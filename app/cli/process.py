@@ -12,19 +12,19 @@ An exception during an import may be lost: trimesh takes any exception for a mis
 command that runs until a signal therefore imports its libraries while signals are recorded.
 """
 
+import atexit
 import gc
 import inspect
-import io
 import os
 import signal
 import socket
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from types import FrameType
-from typing import Self
+from typing import NoReturn, Self
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -142,13 +142,18 @@ def _only_recorded(number: int, frame: FrameType | None) -> None:
     """Do nothing: the interpreter has written the number to the watching thread already."""
 
 
-def standard_input() -> io.BufferedReader:
-    """A reader of the bytes of standard input; nothing else may read it.
+def leave(status: int) -> NoReturn:
+    """End this process as `multiprocessing` ends one: with threads and functions of `atexit`.
 
-    Python aborts at its end when a thread waits in the reader of ``sys.stdin``, whose lock it
-    needs to close it. This reader stays open.
+    What is loaded is not freed, which takes up to half a second. The teardown of native libraries
+    has crashed after all was done, and Python aborts where a thread waits for standard input.
     """
-    return io.BufferedReader(io.FileIO(sys.stdin.fileno(), closefd=False))
+    threading._shutdown()  # type: ignore[attr-defined]
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(AttributeError, OSError, ValueError):  # None, without a reader, or closed
+            stream.flush()
+    os._exit(status)
 
 
 _THRESHOLD = 50_000
@@ -159,7 +164,7 @@ _THRESHOLD = 50_000
 class GcPause:
     """Within the context collection is off until `settle`, and then covers newer objects only.
 
-    Loading allocates a million objects, nearly all of which stay until the end.
+    Loading allocates a million objects, nearly all of which stay until the end of the process.
     """
 
     def __enter__(self) -> Self:
@@ -168,13 +173,12 @@ class GcPause:
         return self
 
     def settle(self) -> None:
-        """Freeze all present objects until the end of the context; call it when all is loaded."""
+        """Freeze all present objects for good; call it when all is loaded."""
         gc.freeze()
         gc.set_threshold(_THRESHOLD, *self._thresholds[1:])
         self._restore_enabled()
 
     def __exit__(self, *_: object) -> None:
-        gc.unfreeze()
         gc.set_threshold(*self._thresholds)
         self._restore_enabled()
 
@@ -188,10 +192,10 @@ def prompt_process() -> Iterator[None]:
     """Within the context no thread waits long for another one, and collections are short.
 
     A full garbage collection of what a command loads takes about half a second, in which no thread
-    runs: it is done here, and those objects are frozen. So enter it when all is loaded, and before
-    anything is received. A computing thread keeps the interpreter lock for `SWITCH_INTERVAL_S` at
-    most instead of 5 ms. rclpy finds the caller of a log message by `inspect`, which looks at the
-    files of all modules once, for 0.1 s: here.
+    runs: it is done here, and those objects are frozen for good. So enter it when all is loaded,
+    and before anything is received. A computing thread keeps the interpreter lock for
+    `SWITCH_INTERVAL_S` at most instead of 5 ms. rclpy finds the caller of a log message by
+    `inspect`, which looks at the files of all modules once, for 0.1 s: here.
     """
     from app.runtime import SWITCH_INTERVAL_S  # slow to load, for a child that does not need it
 
@@ -204,4 +208,3 @@ def prompt_process() -> Iterator[None]:
         yield
     finally:
         sys.setswitchinterval(switch_s)
-        gc.unfreeze()

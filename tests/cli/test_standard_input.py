@@ -1,4 +1,4 @@
-"""A command that waits for standard input in a thread ends with its own status."""
+"""A command ends with its own status, also when a thread waits for standard input."""
 
 import signal
 
@@ -9,29 +9,36 @@ from tests.forking import COMMAND, forked
 pytestmark = pytest.mark.slow
 
 WAITS = """
-import sys, threading
-from app.cli.process import standard_input
+import atexit, sys, threading
+from concurrent.futures import ThreadPoolExecutor
+from app.cli.process import leave
 
-reached = threading.Event()
+class Library:
+    def __del__(self):
+        print("teardown", flush=True)
+
+library, reached = Library(), threading.Event()
 
 def read():
-    stream = standard_input()
+    stream = sys.stdin.buffer
     print(stream.readline().decode(), end="", flush=True)
     reached.set()
     stream.readline()
 
 threading.Thread(target=read, daemon=True).start()
 reached.wait()
-sys.exit(3)
+atexit.register(print, "registered")
+ThreadPoolExecutor().submit(print, "computed")
+leave(3)
 """
 
 
-def test_process_ends_while_a_thread_waits_for_standard_input():
+def test_process_ends_as_an_interpreter_but_without_teardown():
     with forked("-c", WAITS) as process:
         process.stdin.write("a line\n")
         process.stdin.flush()
         assert process.wait() == 3
-        assert process.stdout.read() == "a line\n"
+        assert process.stdout.read() == "a line\ncomputed\nregistered\n"
         assert process.stderr.read() == ""
 
 

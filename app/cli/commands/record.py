@@ -16,12 +16,12 @@ from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from app.cli.options import add_json, add_namespace, add_package_dirs, folder_path, input_argument
-from app.cli.process import note_signals, standard_input
+from app.cli.process import note_signals
 from app.cli.ros import load_ros
 from app.geometry import InputError
 
 if TYPE_CHECKING:
-    from io import BufferedReader
+    from typing import BinaryIO
 
     from app.bridge import RosNode
     from app.bridge.live.ros_recorder import RosRecorder
@@ -94,7 +94,7 @@ def run(options: argparse.Namespace) -> int:
     with note_signals() as received:
         stop, notes = threading.Event(), SimpleQueue[dict[str, Any]]()
         received.stops(stop.set)
-        given = standard_input() if options.until_eof else None
+        given = sys.stdin.buffer if options.until_eof else None
         values = _session_values(options, given)
         if given is not None:
             threading.Thread(target=_read_input, args=(given, stop, notes), daemon=True).start()
@@ -125,7 +125,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _session_values(
-    options: argparse.Namespace, given: "BufferedReader | None"
+    options: argparse.Namespace, given: "BinaryIO | None"
 ) -> "SessionValues | None":
     """Those that begin standard input, None without ``--session-values``."""
     if not options.session_values:
@@ -138,7 +138,7 @@ def _session_values(
 
 
 def _read_input(
-    given: "BufferedReader", stop: threading.Event, notes: "SimpleQueue[dict[str, Any]]"
+    given: "BinaryIO", stop: threading.Event, notes: "SimpleQueue[dict[str, Any]]"
 ) -> None:
     """Pass on each line of standard input that is an object, until its end."""
     while line := given.readline(_MAX_INPUT_BYTES):

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING
 
 from app.cli.options import folder_path
 from app.cli.parsing import CommandParser
-from app.cli.process import note_signals, prompt_process, standard_input
+from app.cli.process import note_signals, prompt_process
 from app.cli.ros import load_ros
 from app.cli.simulated_hand import KINDS, check_hand, keys_to, open_hand
 from app.files.bounded_io import is_file, is_folder
@@ -290,8 +290,7 @@ def _run_operation(options: argparse.Namespace) -> int:
 
 def _read_input(stop: threading.Event, lines: "SimpleQueue[str]") -> None:
     """Pass on the lines of standard input, until its end."""
-    given = standard_input()
-    while line := given.readline(_MAX_LINE):
+    while line := sys.stdin.buffer.readline(_MAX_LINE):
         if line.strip():
             lines.put(line.decode(errors="replace"))
     stop.set()
