@@ -1,6 +1,7 @@
 """Fixtures and collection rules for all tests: their tier and their order."""
 
 import gc
+import importlib
 import os
 from collections import defaultdict
 from collections.abc import Callable, Generator, Iterator
@@ -26,8 +27,6 @@ from tests.tiers import PROJECT_ROOT, TIERS, seconds_by_file, tier_of
 settings.register_profile("suite", deadline=None, derandomize=True)
 settings.register_profile("random", deadline=None)
 settings.load_profile("suite")
-
-unfreeze = gc.unfreeze
 
 # The loader in C is ten times as fast; the product has its own (`app.files.yaml_file`).
 yaml.safe_load = partial(yaml.load, Loader=yaml.CSafeLoader)
@@ -71,6 +70,7 @@ def pytest_collection() -> Generator[None, object, object]:
     finally:
         gc.enable()
         gc.freeze()
+        gc.set_threshold(50_000)  # as `app.cli.process.GcPause`
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
@@ -109,16 +109,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     order = sorted(scopes, key=lambda scope: -sum(seconds.get(path, 0.0) for path in paths[scope]))
     items[:] = [item for scope in order for item in scopes[scope]]
     if config.option.workers > 1:
+        importlib.import_module("tests.loaded_kernels")  # all workers share what it loads
         sizes = [len(scopes[scope]) for scope in order]
         config.pluginmanager.register(ForkedWorkers(config.option.workers, sizes))
-
-
-@pytest.fixture(autouse=True, scope="session")
-def frozen() -> Iterator[None]:
-    """The end of a command does not let the collection scan again what pytest has loaded."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(gc, "unfreeze", lambda: None)
-        yield
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -3,11 +3,11 @@
 A loop would also call what windows of other tests have left behind, some of it deleted.
 """
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from tests.forking import VIEW, run_forked
 
 pytestmark = pytest.mark.slow
 
@@ -16,8 +16,8 @@ CHECKS = ("tests/slicer_module/qt_spinner_checks.py", "tests/slicer_module/ros2_
 
 def run_checks(project_root: Path, *checks: str) -> None:
     """Run files of checks by pytest in one process; fail with its output."""
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *checks]
-    done = subprocess.run(command, cwd=project_root, capture_output=True, text=True, check=False)
+    command = ("-m", "pytest", "-q", "-p", "no:cacheprovider", "--tb=short", *checks)
+    done = run_forked(*command, modules=VIEW, folder=project_root)
     assert done.returncode == 0, done.stdout[-5000:]
     assert " passed" in done.stdout or " skipped" in done.stdout
 
