@@ -6,11 +6,12 @@ In desktop Slicer the binding is PythonQt, which cannot be installed elsewhere.
 import ctypes
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 import PySide6
 from PySide6 import QtCore
+
+from benchmarks.latency.receivers import KEPT, RELEASED
 
 DEADLINE_MS = 20_000  # ends a loop that waits for something that does not come
 
@@ -46,20 +47,8 @@ def quit_loop() -> None:
     QtCore.QCoreApplication.exit(0)
 
 
-RELEASED, KEPT = "lock released", "lock kept"
 LOOPS: dict[str, tuple[Callable[..., None], bool]] = {
     RELEASED: (run_releasing, False),
     KEPT: (run_keeping, True),
 }
 """By name: the loop, and whether it keeps the interpreter lock."""
-
-
-@dataclass(frozen=True, slots=True)
-class Waking:
-    """Way in which Qt's thread learns of a message: ``timer_ms`` None is the product's `QtSpinner`.
-
-    ``loop`` is one of `LOOPS`.
-    """
-
-    loop: str
-    timer_ms: int | None = None

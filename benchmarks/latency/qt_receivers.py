@@ -30,8 +30,8 @@ from app.scene import SceneApplication, offscreen_view
 from app.session import StepResult
 from app.viewer import Address
 from app.viewer.drawing.render_loop import PictureArea, RenderLoop, Source
-from benchmarks.latency.qt_loops import LOOPS, Waking, quit_loop
-from benchmarks.latency.receivers import Receiver, add_bodies, complete_frame_stamp
+from benchmarks.latency.qt_loops import LOOPS, quit_loop
+from benchmarks.latency.receivers import Receiver, Waking, add_bodies, complete_frame_stamp
 from benchmarks.latency.senders import ROOT
 
 CONFIG = Path(shipped("data", "live_example", "live.yaml"))

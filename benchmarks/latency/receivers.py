@@ -3,6 +3,7 @@
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import rclpy
@@ -16,9 +17,23 @@ from app.scene.models import add_model, smooth_surface
 from benchmarks.fixture_shapes import lobed_tumor
 from benchmarks.latency.senders import ROOT, body_frames
 
+RELEASED, KEPT = "lock released", "lock kept"
+"""Names of the loops of `benchmarks.latency.qt_loops`, which loads Qt."""
+
 _TRIANGLES = 1280
 _PAUSE_S = 0.05
 _POLL_NS = NS_PER_S // 200
+
+
+@dataclass(frozen=True, slots=True)
+class Waking:
+    """Way in which Qt's thread learns of a message: ``timer_ms`` None is the product's `QtSpinner`.
+
+    ``loop`` is the name of a loop.
+    """
+
+    loop: str
+    timer_ms: int | None = None
 
 
 class Receiver(ABC):

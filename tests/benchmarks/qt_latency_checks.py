@@ -18,7 +18,7 @@ pytest.importorskip(
 from app.scene.convert import world_matrix
 from benchmarks.harness.figures import columns_table
 from benchmarks.latency.measure import KINDS, measure, sending
-from benchmarks.latency.qt_loops import KEPT
+from benchmarks.latency.receivers import KEPT
 from benchmarks.latency.results import OURS, RUN_COLUMNS
 from benchmarks.latency.senders import TURN_RAD, body_frames
 from tests.ros_domain import domain_id as domain_id

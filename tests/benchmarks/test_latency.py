@@ -8,9 +8,6 @@ import pytest
 pytest.importorskip("pyigtl")
 pytest.importorskip("rclpy")
 pytest.importorskip("slicer")
-pytest.importorskip(
-    "PySide6.QtCore", reason="PySide6 cannot be loaded: apt install libegl1", exc_type=ImportError
-)
 
 from benchmarks.latency.measure import KINDS, STOP_KINDS, StopRun, delays_at
 from benchmarks.latency.receivers import complete_frame_stamp
