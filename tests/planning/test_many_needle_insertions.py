@@ -5,7 +5,7 @@ import pytest
 
 from tests.planning.needle_insertion import operation, predicted_mm
 
-pytestmark = pytest.mark.exhaustive
+pytestmark = [pytest.mark.exhaustive, pytest.mark.timeout(3600)]
 
 INSERTIONS, BLOCKED = 100, 20
 
