@@ -9,6 +9,7 @@ import numpy as np
 
 from app.case import TrackingFrame
 from app.fixture import Reason
+from app.fixture.control.states import reasons_of
 from app.geometry import (
     Edge,
     FreshnessLimits,
@@ -29,7 +30,6 @@ from app.session.tracked_edges import (
     EDGE,
     LIMITS,
     PATH,
-    REASONS,
     SAMPLE,
     TAKEN,
     Steps,
@@ -163,11 +163,11 @@ class PoseTree:
             self._followed,
             self._steps,
         )
-        outcomes = self._outcomes[: len(rows)].tolist()
-        for row, sample, outcome in zip(rows, frame.poses, outcomes, strict=True):
-            if outcome == TAKEN:
-                self._latest[row] = sample
-        if others:
+        outcomes = self._outcomes[: len(rows)].tolist() if others else None
+        for k, sample in enumerate(frame.poses):
+            if outcomes is None or outcomes[k] == TAKEN:
+                self._latest[rows[k]] = sample
+        if outcomes is not None:
             self._note_others(frame, outcomes)
         return _JUMPED if jumped else _NOTHING
 
@@ -341,8 +341,7 @@ class PoseTree:
 
 @cache
 def _reasons(problems: int) -> frozenset[Reason]:
-    """The reasons whose bits are set."""
-    return frozenset(reason for k, reason in enumerate(REASONS) if problems >> k & 1)
+    return frozenset(reasons_of(problems))
 
 
 def oldest(poses: Iterable[MeasuredPose]) -> Stamp | None:

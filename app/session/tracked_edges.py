@@ -10,10 +10,11 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from app.fixture import REASON_OF_FRESHNESS, Reason
+from app.fixture import Reason
+from app.fixture.control.states import BITS_OF_FRESHNESS, reason_bits
 from app.fixture.jit import inlined, kernel, renew_with
 from app.fixture.vectors import dot, rotate_inverse, row
-from app.geometry import FloatArray, Freshness, TrackingStatus, stamp
+from app.geometry import FloatArray, TrackingStatus, stamp
 from app.session import repetition, sensor_motion
 from app.session.repetition import (
     SENSOR_REPETITION,
@@ -49,15 +50,8 @@ REASON_OF_STATUS = {
     TrackingStatus.NOT_RIGID: Reason.NOT_RIGID,
 }
 
-REASONS = tuple(dict.fromkeys([*REASON_OF_STATUS.values(), *REASON_OF_FRESHNESS.values()]))
-"""Bit k of the problems of an edge is reason k."""
-
-_BIT = {reason: 1 << k for k, reason in enumerate(REASONS)}
-_BITS_OF_STATUS = (0, *(_BIT[REASON_OF_STATUS[each]] for each in TrackingStatus if each))
-_BITS_OF_FRESHNESS = tuple(
-    0 if each is Freshness.VALID else _BIT[REASON_OF_FRESHNESS[each]] for each in stamp.VERDICTS
-)
-_TOO_FAR, _FROZEN = _BIT[Reason.INVALID], _BIT[Reason.FROZEN]
+_BITS_OF_STATUS = (0, *(reason_bits([REASON_OF_STATUS[each]]) for each in TrackingStatus if each))
+_TOO_FAR, _FROZEN = reason_bits([Reason.INVALID]), reason_bits([Reason.FROZEN])
 _OK = int(TrackingStatus.OK)
 
 EDGE = np.dtype(
@@ -77,7 +71,7 @@ EDGE = np.dtype(
         ("unchanged_since_ns", np.int64),
         ("has_changed", np.bool_),  # the pose has changed, ever
         ("unchanged_ns", np.int64),  # verdict at the present: as in `MeasuredPose`
-        ("problems", np.int64),
+        ("problems", np.int64),  # `reason_bits`
         ("repetition", SENSOR_REPETITION),
         ("motion", SENSOR_MOTION),
     ],
@@ -243,7 +237,7 @@ def _judge(edge: Record, source: Record, limits: Record, now_ns: int) -> None:
     if not problems:
         age_ns, future_ns = now_ns - edge["ns"], limits["future_ns"]
         verdict = _freshness_number(age_ns, unchanged, stale_ns, frozen_ns, future_ns)
-        problems = _BITS_OF_FRESHNESS[verdict]
+        problems = BITS_OF_FRESHNESS[verdict]
         # A frozen sensor whose samples also come late is reported with both reasons.
         if verdict and _freshness_number(0, unchanged, stale_ns, frozen_ns, future_ns):
             problems |= _FROZEN
