@@ -107,8 +107,6 @@ class FarStructures:
         structure, whose margin holds the error of the registration at the tip.
         """
         self._tips = {}  # those of a step that has failed
-        if len(self._frames) == 1:
-            return {}
         used = [tips[name] for name in self._needed_frames]
         if first.problems or any(each.problems or each.unchanged_ns for each in used):
             return {}

@@ -44,7 +44,8 @@ class Session:
         self._tool_frames = _tool_frames(setup)
         self._guards = [self._guard(each) for each in setup.guarded]
         self._combined = CombinedDecision()
-        self._far = FarStructures(setup) if skip_far else None
+        self._skip_far = skip_far
+        self._far = self._new_far(setup)
         others = setup.other_tools
         self._tools = ToolDistances(setup, skip_far=skip_far) if others else None
         self._links = RobotLinks(setup.robot)
@@ -89,12 +90,14 @@ class Session:
         reference_from_tip = tips[REFERENCE].transform
         links, robot_problem = self._links.at(frame, reference_from_tip, self._poses.limits)
         drift = self._plausibility.drift(links, self._links.joints, reference_from_tip, frame.stamp)
-        found = {**self._plausibility.faults(self._poses, frame.stamp), **outside}
+        found = self._plausibility.faults(self._poses, frame.stamp)
+        if outside:
+            found = {**found, **outside}
         if self._is_base_measured():
             problems |= {Reason.REGISTRATION_REFUSED}
         observed, far = self._observe(frame.stamp, tips, problems | found.keys())
         structures = self._decide(observed, far, tips)
-        far_mm = min([each.clearance_mm for each in far.values()], default=math.inf)
+        far_mm = min([each.clearance_mm for each in far.values()]) if far else math.inf
         combined = self._combined.of(structures, self.setup.proximity.radius_mm, far_mm)
         decision = self._hold.applied(combined, found, [each.decision for each in structures])
         if self._far is not None:
@@ -184,7 +187,7 @@ class Session:
             stamp = oldest(used)
             seq = decided[0].decision.seq
             decided[number] = guard.far(distance.at_least_mm, stamp, seq)
-        return tuple(decided[number] for number in range(len(self._guards)))
+        return tuple([decided[number] for number in range(len(self._guards))])
 
     def hold(self, cause: str, *, doubt: bool = False) -> None:
         """Latch ``hold`` from the next step on, for a ``cause`` that is not visible in the frames.
@@ -248,6 +251,8 @@ class Session:
             for number in range(len(self._guards)):
                 self._wake(number)
             self._far.use(setup)
+        if self._far is None or not setup.structures:
+            self._far = self._new_far(setup)
         if self._tools is not None:
             self._tools.use(setup)
         self._plausibility.use(setup, before)
@@ -271,6 +276,10 @@ class Session:
             self._virtual_fixture = None
         if replaced or setup.robot is not before.robot:
             self._restart()
+
+    def _new_far(self, setup: SessionSetup) -> FarStructures | None:
+        """None for the tumour alone, which is never far."""
+        return FarStructures(setup) if self._skip_far and setup.structures else None
 
     def _guard(self, structure: Structure) -> StructureGuard:
         return StructureGuard(structure, self.setup, free_motion=self._free_motion)
