@@ -313,8 +313,13 @@ class LinkPoses(Mapping[str, Transform]):
         rows: FloatArray = self._matrices[list(self._rows.values())]
         return rows
 
+    def matrix(self, link: str) -> FloatArray:
+        """The matrix (4, 4) of ``link``."""
+        found: FloatArray = self._matrices[self._rows[link]]
+        return found
+
     def __getitem__(self, link: str) -> Transform:
-        matrix = self._matrices[self._rows[link]]
+        matrix = self.matrix(link)
         return Transform.unchecked(self._root, link, matrix[:3, :3], matrix[:3, 3])
 
     def __iter__(self) -> Iterator[str]:

@@ -21,6 +21,7 @@ from app.fixture.vectors import (
 )
 from app.geometry import NS_PER_S, FloatArray, Stamp, Transform
 from app.registration import RegistrationDrift
+from app.robot.kinematic_tree import LinkPoses
 from app.session import relations, repetition, sensor_motion, tracked_edges
 from app.session.relations import ENDS_AFTER_NS
 from app.session.repetition import copy_pose
@@ -323,7 +324,8 @@ class JointCheck:
             return None
         joints_ns = None if joints is None else joints.stamp.ns
         is_new, self._joints_ns = joints_ns != self._joints_ns, joints_ns
-        self._place(_LINK, links[robot.tool_link])
+        link = LinkPoses.of(links).matrix(robot.tool_link)
+        self._rotations[_LINK], self._positions_mm[_LINK] = link[:3, :3], link[:3, 3]
         self._place(_TIP, tip)
         off_mm, turned_rad, self._has_drifted = _update(self._state, is_new, now.ns)
         self._drift = RegistrationDrift(tip.source, off_mm, turned_rad, robot.max_drift)
