@@ -52,16 +52,17 @@ class CombinedDecision:
             return steps[0].decision
         governing = governing_number(steps)
         decision = steps[governing].decision
-        current = all(each.decision.constraint_is_current for each in steps)
-        hold = any(each.decision.hold for each in steps)
+        decisions = [each.decision for each in steps]
+        current = all(each.constraint_is_current for each in decisions)
+        hold = any(each.hold for each in decisions)
         if current:
             joined = _joined(steps, governing, radius_mm, far_mm, hold=hold)
             self._constraint, self.half_spaces_of = (None, ()) if joined is None else joined
         elif self._constraint is not None:
             self._constraint = self._constraint.on_hold()
-        stamps = [each.decision.stamp for each in steps]
+        stamps = [each.stamp for each in decisions]
         known = [stamp for stamp in stamps if stamp is not None]
-        reasons = {reason for each in steps for reason in each.decision.reasons}
+        reasons = {reason for each in decisions for reason in each.reasons}
         if len(reasons) > 1:
             reasons.discard(Reason.CLEAR)
         planes = self._constraint if current else None
@@ -128,8 +129,10 @@ def _joined(
         kept = np.arange(MAX_PLANES)
         nearest_left_out_mm = max(_keep_nearest(rows, kept), 0.0)
         free.append(_free_up_to(nearest_left_out_mm, radius_mm))
-        rows, owners = rows[kept], [owners[number] for number in kept.tolist()]
-    least = FreeMotion(*map(min, zip(*free, strict=True)))
+        rows, owners = rows.take(kept, axis=0), [owners[number] for number in kept.tolist()]
+    least = FreeMotion(
+        min([each.distance_mm for each in free]), min([each.turn_rad for each in free])
+    )
     return Constraint.unchecked(steps[0].name, rows, hold=hold, free=least), tuple(owners)
 
 

@@ -10,6 +10,7 @@ import heapq
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import count, pairwise
+from typing import NamedTuple
 
 from app.fixture import Proximity, path_mm
 from app.geometry import InputError, Stamp, Transform
@@ -18,8 +19,7 @@ _NEAREST_END = 0.1
 """A piece is divided at least this fraction of its length from its ends."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PathPoint:
+class PathPoint(NamedTuple):
     """Pose ``tumor_from_tip`` of the tool at ``stamp``, and its proximity there."""
 
     stamp: Stamp
