@@ -175,8 +175,10 @@ class CollisionModel:
     ) -> int:
         """Computes the poses of all links, too, as they are at ``end`` if ``start`` is that."""
         # Copies, since Numba compiles once more for arrays that are read-only.
-        ends = np.array([start, end])
-        found = blocking_pair(self._arrays, pairs, self._arm, *ends, assumed_mm, self._scratch)
+        first, last = np.array([start, end])
+        found = blocking_pair(
+            self._arrays, pairs, self._arm, first, last, assumed_mm, self._scratch
+        )
         if found == INVALID:
             raise InputError(
                 f"joint positions: are {start.tolist()} to {end.tolist()}; expected finite numbers "

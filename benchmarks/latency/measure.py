@@ -16,14 +16,7 @@ from app.runtime.thread_handover import SWITCH_INTERVAL_S
 from benchmarks.faults.scene import tracker_arguments
 from benchmarks.harness.figures import load
 from benchmarks.harness.processes import Child, children
-from benchmarks.latency.receivers import (
-    KEPT,
-    RELEASED,
-    PlainListener,
-    PolledIgtl,
-    Receiver,
-    Waking,
-)
+from benchmarks.latency.receivers import KEPT, RELEASED, PlainListener, PolledIgtl, Receiver, Waking
 from benchmarks.latency.results import OURS, POLLED, Run, delays_ms, mean_or_none, transports_ms
 from benchmarks.latency.senders import body_frames
 

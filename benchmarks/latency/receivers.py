@@ -27,10 +27,7 @@ _POLL_NS = NS_PER_S // 200
 
 @dataclass(frozen=True, slots=True)
 class Waking:
-    """Way in which Qt's thread learns of a message: ``timer_ms`` None is the product's `QtSpinner`.
-
-    ``loop`` is the name of a loop.
-    """
+    """Wake-up of Qt's thread for a message: ``timer_ms`` None is the product's `QtSpinner`."""
 
     loop: str
     timer_ms: int | None = None
