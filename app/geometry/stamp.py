@@ -289,9 +289,7 @@ def freshness_number(
 
 def freshness_of_stamp(stamp: Stamp | None, now: Stamp, limits: FreshnessLimits) -> Freshness:
     """Return `freshness_of` two stamps; raises `StampError` for stamps of different clocks."""
-    if stamp is None:
-        return Freshness.MISSING
-    return VERDICTS[freshness_number(stamp.age_ns(now), 0, *limits.numbers_ns)]
+    return freshness_of(None if stamp is None else -stamp.age_ns(now), 0, limits)
 
 
 def stale_in_ns(stamp_ns: int, now_ns: int, limits: FreshnessLimits) -> int:
