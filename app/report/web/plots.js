@@ -8,7 +8,8 @@
   const STRIP = 16; // height of the band of states, in CSS pixels
   const SMALLEST_S = 0.05;
   const LABEL = 14; // height of the name of a line, in CSS pixels
-  const PAPER = "rgba(255, 255, 255, .85)";
+  const NAME_PX = 11;
+  const GAP = 12; // between the plot and the names of its lines, in CSS pixels
 
   const figures = document.querySelectorAll("figure.plot");
   for (const figure of figures) show(figure);
@@ -31,7 +32,7 @@
     const options = {
       width: chart.clientWidth || figure.clientWidth - 20,
       height: HEIGHT,
-      padding: [STRIP + 6, 12, 0, 0],
+      padding: [STRIP + 6, GAP + namesWidth(plot.lines), 0, 0],
       cursor: { sync: { key: "report" }, drag: { x: true, y: false } },
       scales: { x: { time: false }, y: { range: (u, low, high) => limits(plot, low, high) } },
       axes: [
@@ -111,13 +112,24 @@
     ctx.restore();
   }
 
+  function nameFont(ratio) {
+    return `${NAME_PX * ratio}px system-ui, sans-serif`;
+  }
+
+  function namesWidth(lines) {
+    const ctx = document.createElement("canvas").getContext("2d");
+    ctx.font = nameFont(1);
+    return Math.max(0, ...lines.map((line) => Math.ceil(ctx.measureText(line.label).width)));
+  }
+
   function drawLines(u, lines) {
     const { ctx } = u;
     const ratio = devicePixelRatio;
     const { left, top, width, height } = u.bbox;
+    const right = left + width;
     ctx.save();
-    ctx.font = `${11 * ratio}px system-ui, sans-serif`;
-    ctx.textAlign = "right";
+    ctx.font = nameFont(ratio);
+    ctx.textAlign = "left";
     ctx.textBaseline = "bottom";
     const shown = lines
       .map((line) => ({ line, y: u.valToPos(line.value, "y", true) }))
@@ -129,27 +141,19 @@
       ctx.setLineDash(line.value === 0 ? [] : [6 * ratio, 4 * ratio]);
       ctx.beginPath();
       ctx.moveTo(left, y);
-      ctx.lineTo(left + width, y);
+      ctx.lineTo(right, y);
       ctx.stroke();
     }
     ctx.setLineDash([]);
-    ctx.lineJoin = "round";
-    const wished = shown.map(({ y }) => y - 2 * ratio);
+    const wished = shown.map(({ y }) => y + 0.5 * LABEL * ratio);
     const places = spread(wished, LABEL * ratio, top + LABEL * ratio);
-    const right = left + width - 16 * ratio;
     shown.forEach(({ line, y }, index) => {
-      const place = places[index];
-      ctx.fillStyle = line.color;
-      ctx.strokeStyle = PAPER; // other lines and curves may cross the name
-      ctx.lineWidth = 3 * ratio;
-      ctx.strokeText(line.label, right, place);
-      ctx.fillText(line.label, right, place);
-      if (place === wished[index]) return;
-      ctx.strokeStyle = line.color; // from a name that is away from its line to it
+      ctx.fillStyle = ctx.strokeStyle = line.color;
+      ctx.fillText(line.label, right + (GAP - 2) * ratio, places[index]);
       ctx.lineWidth = ratio;
       ctx.beginPath();
-      ctx.moveTo(right + 2 * ratio, place - 0.5 * LABEL * ratio);
-      ctx.lineTo(right + 12 * ratio, y);
+      ctx.moveTo(right, y);
+      ctx.lineTo(right + (GAP - 4) * ratio, places[index] - 0.5 * LABEL * ratio);
       ctx.stroke();
     });
     ctx.restore();
