@@ -12,7 +12,7 @@ import pytest
 import yaml
 from hypothesis import settings
 
-import app.cli  # noqa: F401  (before numpy: sets the threads of BLAS as the product does)
+from app.cli.process import NEW_OBJECTS  # before numpy: sets the threads of BLAS as the product
 from tests.browser import browser as browser
 from tests.browser import chromium as chromium
 from tests.forked_workers import ForkedWorkers
@@ -70,7 +70,7 @@ def pytest_collection() -> Generator[None, object, object]:
     finally:
         gc.enable()
         gc.freeze()
-        gc.set_threshold(50_000)  # as `app.cli.process.GcPause`
+        gc.set_threshold(NEW_OBJECTS)
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:

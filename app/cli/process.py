@@ -156,7 +156,7 @@ def leave(status: int) -> NoReturn:
     os._exit(status)
 
 
-_THRESHOLD = 50_000
+NEW_OBJECTS = 50_000
 """New objects between two collections. Each block of frames that is read ahead
 (`app.case.frame_streams.read_ahead`) allocates a thousand and soon frees them."""
 
@@ -175,7 +175,7 @@ class GcPause:
     def settle(self) -> None:
         """Freeze all present objects for good; call it when all is loaded."""
         gc.freeze()
-        gc.set_threshold(_THRESHOLD, *self._thresholds[1:])
+        gc.set_threshold(NEW_OBJECTS, *self._thresholds[1:])
         self._restore_enabled()
 
     def __exit__(self, *_: object) -> None:

@@ -247,12 +247,12 @@ class Session:
         self._static_edges = setup.static_edges
         self._poses.use(_pose_rules(setup))
         self._tool_frames = _tool_frames(setup)
-        if self._far is not None:
-            for number in range(len(self._guards)):
-                self._wake(number)
-            self._far.use(setup)
+        for number in range(len(self._guards)):
+            self._wake(number)
         if self._far is None or not setup.structures:
             self._far = self._new_far(setup)
+        else:
+            self._far.use(setup)
         if self._tools is not None:
             self._tools.use(setup)
         self._plausibility.use(setup, before)
