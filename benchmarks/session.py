@@ -1,38 +1,42 @@
-"""Duration of one session step at 1 kHz, from a tracker frame to a decision.
+"""Processor time of one session step beside FCL's distance of whole meshes, in turns.
 
-Uses the recorded case's tumour, tool, robot and registration, with frames interpolated to 1 kHz.
-Steps are paced by an absolute clock; a bare loop with the same pacing shows the latency of the
-machine itself. The goal of a step is one of CPU time of its thread; on an idle machine wall time is
-the same.
+A step leads from a tracker frame to a decision. Frames are interpolated from the recorded case, at
+1 kHz from its middle on, and from the case with three structures. FCL's distance is that of
+`bench fixture`: a tumour of 81,920 triangles and a tool of 2k, near its surface. A live step also
+computes how far the tool may move, and does not measure what is far. Times are processor times of
+the thread.
 """
 
+import gc
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from app.case import JointSample, TrackingFrame
-from app.cli.progress import announce_duration
-from app.fixture import MarginState, Proximity, SweptProximity
 from app.geometry import NS_PER_S, FloatArray, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.runtime import prepare_case
-from app.session import ProximityModel, Session, SessionSetup
-from benchmarks.harness.figures import figures_table, show, spread
+from app.session import Session, SessionSetup
+from benchmarks.fixture.case import Case
+from benchmarks.fixture.engines import ENGINES
+from benchmarks.harness.figures import columns_table, figures_table, in_turns, show, spread
 from benchmarks.harness.goals import Goal, at_most, finish
-from benchmarks.harness.options import BenchParser
-from benchmarks.harness.peer import paced, to_and_fro
+from benchmarks.harness.options import RECORDED_CASE, BenchParser
+from benchmarks.harness.peer import to_and_fro
 from benchmarks.harness.processes import resident_mb
 
-RATE_HZ = 1000
-MAX_STEP_MS = 1.0
+LIVE, THREE, FCL = "live, 40 Hz", "live, 40 Hz, three structures", "FCL, distance"
+MOST_P50, MOST_P99, MOST_THREE = 0.15, 0.45, 2.0
+"""Goals in FCL's median, and of three structures in the median of one."""
 MAX_GROWTH_MB = 2.0
-WARM_UP = 0.1  # share of the run after which memory is expected to be constant
-_PERIOD_NS = NS_PER_S // RATE_HZ
-_BARE_S = 5.0
-_MEMORY_EVERY = RATE_HZ // 2
+_STRUCTURES_CASE = RECORDED_CASE.with_name("structures_case")
+_TRIANGLES = (81_920, 2000)
+_ROUNDS, _WARM_ROUNDS = 20, 2
+_STEPS_TO_ONE_QUERY = 5
 
 
 class Trajectory:
@@ -96,106 +100,101 @@ def _interpolated(
     return np.column_stack(positions), rotations(times_ns - known_ns[0]).as_quat()
 
 
-class TimedModel:
-    """A proximity model that sums the CPU time of its evaluations and sweeps."""
+def stepping(
+    setup: SessionSetup, frames: Iterator[TrackingFrame], states: Counter[str], *, is_live: bool
+) -> Callable[[int], list[int]]:
+    """A function that takes a number of steps and returns their times in ns.
 
-    def __init__(self, model: ProximityModel) -> None:
-        self._model = model
-        self.radius_mm = model.radius_mm
-        self.frames = model.frames
-        self.cpu_ns = 0
-
-    def evaluate(self, tumor_from_tool: Transform, stamp: Stamp | None = None) -> Proximity:
-        return self._timed(self._model.evaluate, tumor_from_tool, stamp)
-
-    def sweep(
-        self, previous: Transform, current: Transform, stamp: Stamp | None = None
-    ) -> SweptProximity:
-        return self._timed(self._model.sweep, previous, current, stamp)
-
-    def _timed(self, method: Callable[..., Any], *arguments: object) -> Any:
-        begin = time.thread_time_ns()
-        try:
-            return method(*arguments)
-        finally:
-            self.cpu_ns += time.thread_time_ns() - begin
-
-
-class Stepping:
-    """Runs one timed session step per cycle; building the frame is not timed."""
-
-    def __init__(self, setup: SessionSetup, frames: Iterator[TrackingFrame], count: int) -> None:
-        self._model = TimedModel(setup.proximity)
-        self._session = Session(replace(setup, proximity=self._model))
-        self._frames = frames
-        # Filled, so that the operating system maps the pages before the run.
-        self.cpu_ns, self.wall_ns = np.full(count, -1.0), np.full(count, -1.0)
-        self.model_ns = np.full(count, -1.0)
-        self.rss_mb = np.full(-(-count // _MEMORY_EVERY), -1.0)
-        self.states = dict.fromkeys(MarginState, 0)
-
-    def cycle(self, k: int) -> None:
-        frame = next(self._frames)
-        self._model.cpu_ns = 0
-        wall, cpu = time.perf_counter_ns(), time.thread_time_ns()
-        step = self._session.step(frame)
-        self.cpu_ns[k] = time.thread_time_ns() - cpu
-        self.wall_ns[k] = time.perf_counter_ns() - wall
-        self.model_ns[k] = self._model.cpu_ns
-        self.states[step.decision.state] += 1
-        if k % _MEMORY_EVERY == 0:
-            self.rss_mb[k // _MEMORY_EVERY] = resident_mb()
-
-
-def measure(setup: SessionSetup, source: Trajectory, count: int) -> dict[str, Any]:
-    """Run the bare loop, then ``count`` session steps.
-
-    Of a step, ``model_cpu`` is the proximity model's part and ``rest_cpu`` everything else.
-    ``late`` is the delay of a cycle's start after its due time.
+    Building the frames is not timed. ``states`` counts the decisions.
     """
-    stepping = Stepping(setup, source.frames(count), count)
-    start_mb = resident_mb()
-    bare_count = min(count, int(_BARE_S * RATE_HZ))
-    bare_late = paced(bare_count, _PERIOD_NS, lambda k: None)
-    late = paced(count, _PERIOD_NS, stepping.cycle)
-    warm = int(WARM_UP * len(stepping.rss_mb)) + 1
-    rss_mb = stepping.rss_mb[warm - 1 :]
-    minutes = np.arange(len(rss_mb)) * _MEMORY_EVERY / RATE_HZ / 60.0
-    durations_ns = {
-        "step_cpu": stepping.cpu_ns,
-        "model_cpu": stepping.model_ns,
-        "rest_cpu": stepping.cpu_ns - stepping.model_ns,
-        "step_wall": stepping.wall_ns,
-        "late": np.array(late),
-        "bare_late": np.array(bare_late),
-    }
+    session = Session(setup, free_motion=is_live, skip_far=is_live)
+
+    def take(count: int) -> list[int]:
+        times_ns = []
+        for frame in islice(frames, count):
+            begin = time.thread_time_ns()
+            step = session.step(frame)
+            times_ns.append(time.thread_time_ns() - begin)
+            states[step.decision.state.name] += 1
+        return times_ns
+
+    return take
+
+
+def querying(poses: int) -> Callable[[int], list[int]]:
+    """As `stepping`, for FCL's distance at ``poses`` poses near the tumour."""
+    case = Case.of(*_TRIANGLES, poses)
+    measure, numbers = ENGINES["fcl"].build(case.tumor, case.tool), iter(range(poses))
+
+    def take(count: int) -> list[int]:
+        times_ns = []
+        for number in islice(numbers, count // _STEPS_TO_ONE_QUERY):
+            begin = time.thread_time_ns()
+            measure(case.trajectory[number])
+            times_ns.append(time.thread_time_ns() - begin)
+        return times_ns
+
+    return take
+
+
+def measure(peers: Mapping[str, Callable[[int], list[int]]], steps: int) -> dict[str, Any]:
+    """Percentiles of about ``steps`` steps of each of the ``peers``, and the growth of memory.
+
+    ``in_fcl`` are the median and the 99th percentile in FCL's median.
+    """
+    times_ns: dict[str, list[int]] = {name: [] for name in peers}
+    gc.collect()
+    gc.freeze()
+    per_round = max(_STEPS_TO_ONE_QUERY, steps // _ROUNDS)
+    for _ in range(_WARM_ROUNDS):
+        for take in peers.values():
+            take(per_round)
+    warm_mb = resident_mb()
+    for name in in_turns(list(peers), _ROUNDS, "steps"):
+        times_ns[name] += peers[name](per_round)
+    figures = {name: spread(np.array(each) / 1e6) for name, each in times_ns.items()}
+    yard_ms = figures[FCL]["p50_ms"]
     return {
-        "steps": count,
-        **{name: spread(each / 1e6) for name, each in durations_ns.items()},
-        "memory": {
-            "start_mb": start_mb,
-            "warm_mb": float(rss_mb[0]),
-            "end_mb": float(rss_mb[-1]),
-            "slope_mb_min": float(np.polyfit(minutes, rss_mb, 1)[0]) if len(rss_mb) > 1 else np.nan,
-        },
-        "states": {state.name: number for state, number in stepping.states.items()},
+        "forms": [
+            {"form": name, **each, "p50": each["p50_ms"] / yard_ms, "p99": each["p99_ms"] / yard_ms}
+            for name, each in figures.items()
+        ],
+        "memory": {"warm_mb": warm_mb, "end_mb": resident_mb()},
     }
 
 
 def goals(found: Mapping[str, Any]) -> Iterator[Goal]:
+    forms = {each["form"]: each for each in found["forms"]}
+    for name, each in forms.items():
+        if name not in (FCL, THREE):
+            yield at_most(f"p50 of {name}, in FCL's, is", each["p50"], MOST_P50, digits=".3f")
+            yield at_most(f"p99 of {name}, in FCL's p50, is", each["p99"], MOST_P99, digits=".3f")
+    ratio = forms[THREE]["p50"] / forms[LIVE]["p50"]
+    yield at_most("p50 with three structures, in that of one, is", ratio, MOST_THREE, digits=".2f")
     growth_mb = found["memory"]["end_mb"] - found["memory"]["warm_mb"]
-    yield at_most("step p99 is", found["step_cpu"]["p99_ms"], MAX_STEP_MS, "ms", ".3f")
     yield at_most("memory grew by", growth_mb, MAX_GROWTH_MB, "MB", ".2f")
 
 
 def main() -> int:
     parser = BenchParser("session", __doc__)
-    parser.number("--seconds", 60.0, "how long")
+    parser.number("--steps", 10_000, "of each form", low=100)
     parser.case()
     options = parser.parse_args()
-    prepared = prepare_case(options.case)
-    source = Trajectory(list(prepared.case.frames()), RATE_HZ)
-    announce_duration("stepping", options.seconds + min(options.seconds, _BARE_S))
-    found = measure(prepared.setup, source, max(1, round(options.seconds * RATE_HZ)))
-    show(figures_table(found))
+    one, three = prepare_case(options.case), prepare_case(_STRUCTURES_CASE)
+    count, states, peers = options.steps * 2, Counter[str](), {}
+    for name, case, rate_hz, is_live in (
+        (LIVE, one, 40, True),
+        ("live, 1 kHz", one, 1000, True),
+        ("replay, 1 kHz", one, 1000, False),
+        (THREE, three, 40, True),
+    ):
+        recorded = list(case.case.frames())
+        start = 0 if rate_hz == 40 else len(recorded) // 2
+        source = Trajectory(recorded[start:], rate_hz).frames(count)
+        peers[name] = stepping(case.setup, source, states, is_live=is_live)
+    peers[FCL] = querying(count // _STEPS_TO_ONE_QUERY)
+    found = measure(peers, options.steps) | {"states": states}
+    columns = {name: name for name in ("form", "p50_ms", "p99_ms", "max_ms")}
+    columns |= {"p50 in FCL's": "p50", "p99 in FCL's p50": "p99"}
+    show(columns_table("steps", found["forms"], columns), figures_table(found))
     return finish(options.json, found, goals(found))

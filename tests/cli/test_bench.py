@@ -21,13 +21,13 @@ def test_paths_are_relative_to_current_folder_and_code_is_of_checkout(tmp_path):
     (tmp_path / "benchmarks").mkdir()
     (tmp_path / "benchmarks" / "session.py").write_text("raise SystemExit(7)")
     write_small_case(tmp_path / "case")
-    options = ("--seconds", "1", "--case", "case", "--json", "figures.json")
+    options = ("--steps", "100", "--case", "case", "--json", "figures.json")
     command = ("-P", "-m", "app.cli", "bench", "session", *options)
     done = run_python(
         *command, status=None, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(CHECKOUT)}
     )
     figures = json.loads((tmp_path / "figures.json").read_text())
-    assert figures["steps"] == 1000, done.stderr
+    assert sum(figures["states"].values()) > 400, done.stderr
     assert done.returncode == int(bool(figures["failures"]))
     assert {"cores", "date", "versions", "commit"} <= figures["machine"].keys()
 
@@ -59,7 +59,7 @@ def test_each_help_contains_command(name, started):
             ["session", "--case", "nowhere"],
             "'nowhere' is no case; expected a folder with a case.yaml",
         ),
-        (["session", "--seconds", "0"], "argument --seconds: 0; expected 1 or more"),
+        (["session", "--steps", "0"], "argument --steps: 0; expected 100 or more"),
         (["replay", "nowhere"], "'nowhere' is no case; expected a folder with a case.yaml"),
         (["replay", "--runs", "0"], "argument --runs: 0; expected 1 or more"),
         (

@@ -230,7 +230,7 @@ def test_page_is_served(complete):
 
 
 def test_benchmark_runs_with_the_shipped_code(complete):
-    done = complete.run("marginguard", "bench", "session", "--seconds", "1")
+    done = complete.run("marginguard", "bench", "session", "--steps", "100")
     assert re.search(r"states\W+NEGATIVE", done.stdout), done.stderr
     (info,) = complete.packages.glob("marginguard-*.dist-info")
     assert (info / "top_level.txt").read_text().split() == ["app", "marginguard"]

@@ -20,7 +20,7 @@ from app.geometry import InputError
 SUMMARY = "run a benchmark and compare its figures with those of peers"
 BENCHMARKS = {
     "fixture": "time of one evaluation; FCL, coal and VTK",
-    "session": "time of a session's step at 1 kHz, and memory",
+    "session": "a session's step beside FCL's distance, and memory",
     "structures": "the same with 2, 20 and 100 structures; FCL's broad phase",
     "rate": "the constraint at 1 kHz to another process",
     "latency": "from a stamp in another process to the scene; timers and OpenIGTLink",
