@@ -18,9 +18,9 @@ from app.session.pose_tree import MeasuredPose
 from app.session.sensor_motion import State
 from app.session.setup import REFERENCE, SessionSetup
 
-BEYOND_MM = 20.0
+BEYOND_MM = 10.0
 """Distance beyond the warning from which a structure is far. At 50 mm/s, the usual largest speed, a
-tool needs 0.4 s for it: five times as long as planes are usually valid."""
+tool needs 0.2 s for it: more than twice as long as planes are usually valid."""
 
 _ROUNDING_RAD = 1e-6
 """Above the error of an angle that is computed from its cosine: the root of twice 1e-14."""

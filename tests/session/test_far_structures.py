@@ -117,7 +117,7 @@ def test_far_structure_is_written_with_the_bound_of_its_distance():
     is_far = [False, True, False]
     step = next(s for s in steps if [bool(e.at_least_mm) for e in s.structures] == is_far)
     _, far, near = step.structures
-    assert far.at_least_mm > 20.0
+    assert far.at_least_mm > BEYOND_MM
     assert structure_line(far).endswith(f": CLEAR, at least {int(far.at_least_mm)} mm")
     _, far_values, near_values = json.loads(as_json_line(step, "", one_link_content()))[
         "structures"
