@@ -3,6 +3,7 @@
 import json
 import time
 from dataclasses import replace
+from functools import partial
 
 import jsonschema
 import numpy as np
@@ -20,8 +21,9 @@ from app.bridge.topics import NEWEST, STREAM, Topic
 from app.cli.main import main
 from app.control import CONTROL, open_control
 from app.files import schema_text
-from app.geometry import NS_PER_S, InputError
+from app.geometry import NS_PER_MS, NS_PER_S, InputError
 from tests.bridge.nodes import ros_nodes
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -31,18 +33,20 @@ VALID_NS = NS_PER_S
 JOINTS = ["waist", "shoulder", "elbow", "yaw", "pitch", "roll"]
 POSITIONS = [0.0, 1.0, 0.5, 0.0, 0.1, 0.0]
 
+MEASURED = Topic("/arm/measured_js", JointState, STREAM)
+WRENCH = Topic("/arm/body/measured_cf", WrenchStamped, STREAM)
+TRACKED = Topic("/tracked_transforms", TrackedTransform, STREAM)
+CONSTRAINT = Topic("/marginguard/constraint", FixtureConstraint, NEWEST)
+
 
 class Peer:
     """A node that sends all that the controller reads, and reads what it sends."""
 
-    def __init__(self, ros, joints):
-        self.ros, self.joints, self.positions = ros, joints, POSITIONS
+    def __init__(self, ros, joints, clock_ns):
+        self.ros, self.joints, self.positions, self._clock_ns = ros, joints, POSITIONS, clock_ns
         self.commands = []
-        self._measured = ros.publisher(Topic("/arm/measured_js", JointState, STREAM))
-        self._wrench = ros.publisher(Topic("/arm/body/measured_cf", WrenchStamped, STREAM))
-        self._tracked = ros.publisher(Topic("/tracked_transforms", TrackedTransform, STREAM))
-        self._constraint = ros.publisher(
-            Topic("/marginguard/constraint", FixtureConstraint, NEWEST)
+        self._measured, self._wrench, self._tracked, self._constraint = map(
+            ros.publisher, (MEASURED, WRENCH, TRACKED, CONSTRAINT)
         )
         ros.subscribe(Topic("/arm/servo_jv", JointState, STREAM), self.commands.append)
         self.seq = 0
@@ -56,7 +60,7 @@ class Peer:
 
     def send(self, *, constraint=True, tumor=True, force=(0.0, 0.0, 5.0), plane=-FAR_M):
         """Send one message of each kind with the present stamp; force in N, plane in m."""
-        now_ns = time.time_ns()
+        now_ns = self._clock_ns()
         joints = JointState(name=self.joints, position=self.positions)
         stamp(joints.header, now_ns)
         self._measured.publish(joints)
@@ -100,19 +104,42 @@ def stamp(header, ns):
 
 
 class Controlled:
-    """A controller, its peer, and steps of both in turn."""
+    """A controller, its peer, and steps of both in turn: 1 ms each by a clock of their own.
+
+    A step waits for what was sent, so that a busy machine makes nothing late.
+    """
 
     def __init__(self, ros, peer_ros, description):
-        self.peer = Peer(peer_ros, JOINTS)
-        self.node = ControlNode(ros, description, clock_ns=time.time_ns)
+        self._now_ns = time.time_ns()
+        self.peer = Peer(peer_ros, JOINTS, self.clock_ns)
+        self.node = ControlNode(ros, description, clock_ns=self.clock_ns)
+        self._arrived_ns = {}
+        for topic in (MEASURED, WRENCH, TRACKED, CONSTRAINT):
+            ros.subscribe(topic, partial(self._note, topic))
+
+    def clock_ns(self):
+        return self._now_ns
+
+    def _note(self, topic, message):
+        sent = message.header.stamp
+        self._arrived_ns[topic] = sent.sec * NS_PER_S + sent.nanosec
+
+    def step(self, **sent):
+        self._now_ns += NS_PER_MS
+        self.peer.send(**sent)
+        expected = (MEASURED, WRENCH, TRACKED, CONSTRAINT)[: 3 + sent.get("constraint", True)]
+        wait_until(
+            lambda: all(self._arrived_ns.get(topic) == self._now_ns for topic in expected),
+            meanwhile=partial(self.peer.send, **sent),  # what comes before the discovery is lost
+            pause_s=0.001,
+        )
+        return self.node.step()
 
     def until(self, condition, **sent):
         for _ in range(STEPS):
-            self.peer.send(**sent)
-            decision = self.node.step()
+            decision = self.step(**sent)
             if condition(decision):
                 return decision
-            time.sleep(0.001)
         pytest.fail(f"not within {STEPS} steps: {decision.reason} {decision.rule}")
 
     def rearm(self, **sent):
@@ -150,10 +177,9 @@ def test_arm_follows_the_hand_and_stands_at_a_plane(controlled):
     [({"tumor": False}, "no_pose"), ({"force": (float("nan"), 0.0, 0.0)}, "no_wrench")],
 )
 def test_arm_stands_without_a_usable_measurement(controlled, sent, reason):
-    while not controlled.node.stops[reason]:  # on a busy machine late joints may stop it before
-        controlled.until(lambda d: d.reason == "follows")
-        stopped = controlled.until(lambda d: d.reason == reason, **sent)
-        assert not stopped.velocities.any()
+    controlled.until(lambda d: d.reason == "follows")
+    stopped = controlled.until(lambda d: d.reason == reason, **sent)
+    assert not stopped.velocities.any()
     assert controlled.node.stops[reason] == 1
     controlled.until(lambda d: d.reason == "follows")
 
@@ -167,9 +193,7 @@ def test_lost_constraint_is_latched_until_an_operator_rearms(controlled):
     assert not refused.success
     assert "no constraint arrives; expected a running guard before re-arming" in refused.message
     for _ in range(100):  # a valid constraint changes nothing
-        controlled.peer.send()
-        assert not controlled.node.step().velocities.any()
-        time.sleep(0.001)
+        assert not controlled.step().velocities.any()
     assert controlled.rearm().success
     controlled.until(lambda d: d.reason == "follows")
 
@@ -210,8 +234,7 @@ def test_poses_of_a_message_that_the_rule_refuses_are_not_used(controlled):
     controlled.until(lambda d: reasons.add(str(d.reason)) or d.rule == "seq_not_increasing")
     for _ in range(20):
         controlled.peer.seq = 0
-        controlled.peer.send()
-        reasons.add(str(controlled.node.step().reason))
+        reasons.add(str(controlled.step().reason))
     assert "no_pose" not in reasons
 
 
@@ -233,7 +256,9 @@ def test_registration_of_the_guard_replaces_a_missing_one(domain_id, project_roo
 def test_second_sender_of_a_measurement_stops_the_arm(controlled, domain_id):
     controlled.until(lambda d: d.reason == "follows")
     with RosNode("intruder", domain_id=domain_id) as ros:
-        other = Peer(ros, JOINTS)
+        other = Peer(
+            ros, JOINTS, lambda: controlled.clock_ns() + 1
+        )  # the same data are no conflict
 
         def is_stopped(decision):
             other.send(constraint=False)
