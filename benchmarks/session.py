@@ -122,7 +122,7 @@ def stepping(
 
 
 def querying(poses: int) -> Callable[[int], list[int]]:
-    """As `stepping`, for FCL's distance at ``poses`` poses near the tumour."""
+    """Like `stepping`, for FCL's distance at ``poses`` poses near the tumour."""
     case = Case.of(*_TRIANGLES, poses)
     measure, numbers = ENGINES["fcl"].build(case.tumor, case.tool), iter(range(poses))
 
