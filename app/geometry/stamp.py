@@ -19,8 +19,10 @@ NS_PER_MS = 1_000_000
 NEVER_NS = 10**18
 """A duration that no pose lasts: 31 years."""
 
-_MAX_S = 9_000_000_000
-"""Largest time in s. Its ns fit into the 64 bits that ROS and MCAP use."""
+_MAX_S = 4_600_000_000
+"""Largest time in s, in the year 2115. The ns between any two times fit into 64 bits."""
+
+_MAX_NS = _MAX_S * NS_PER_S
 
 
 def slot_setters(value_type: type) -> tuple[Callable[[object, Any], None], ...]:
@@ -46,7 +48,7 @@ class Stamp:
     """An acquisition time: ``ns`` nanoseconds on the clock named ``clock``.
 
     Comparing stamps of different clocks raises `StampError`: the offset between two clocks is a
-    calibration result and not zero.
+    calibration result and not zero. So does a time beyond 4.6e9 s, before or after 0.
     """
 
     ns: int
@@ -57,6 +59,8 @@ class Stamp:
             raise StampError(f"stamp {self.ns!r} is a {type(self.ns).__name__}; expected int ns")
         if not self.clock:
             raise StampError("clock of a stamp is empty; expected the name of its clock")
+        if not -_MAX_NS <= self.ns <= _MAX_NS:
+            raise StampError(f"stamp {self.ns} ns is out of range; expected at most {_MAX_S:g} s")
 
     @classmethod
     def of_ns(cls, ns: int) -> "Stamp":

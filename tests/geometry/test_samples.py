@@ -20,7 +20,7 @@ from app.geometry import (
 from tests.geometry.few_examples import given
 
 
-@given(st.integers(-(10**18), 9 * 10**18))
+@given(st.integers(-46 * 10**17, 46 * 10**17))
 def test_decimal_seconds_are_read_exactly(ns):
     sign = "-" if ns < 0 else ""
     text = f"{sign}{abs(ns) // 10**9}.{abs(ns) % 10**9:09d}"
@@ -34,7 +34,7 @@ def test_seconds_are_rounded_to_the_nearest_nanosecond(text):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "now", "nan", "inf", "1.2.3", "1e30", "1e9999999", "1_0", "\u0661"]
+    "text", ["", "now", "nan", "inf", "1.2.3", "1e30", "-4.7e9", "1e9999999", "1_0", "\u0661"]
 )
 def test_invalid_seconds_are_rejected(text):
     with pytest.raises(StampError, match="not a finite number of seconds"):

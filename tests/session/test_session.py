@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from app.fixture import LimiterParameters, MarginState, Proximity, Reason, Witnesses, limit_twist
-from app.geometry import FrameError, Stamp, TrackedTransform, TrackingStatus, Transform
+from app.geometry import (
+    FrameError,
+    Stamp,
+    StampError,
+    TrackedTransform,
+    TrackingStatus,
+    Transform,
+)
 from app.hold import NotRearmableError
 from app.registration import DriftBound, given_registration, predict_tre, register_points
 from app.robot import Robot
@@ -111,6 +118,18 @@ def test_lost_tool_or_tumour_is_unknown_and_holds(session, edge):
     assert step.decision.proximity is None
     assert step.tumor_from_tip is None
     assert step.virtual_fixture is not None, "stale never means unconstrained"
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_times_as_far_apart_as_stamps_can_be_are_unknown(session, sign):
+    """Compiled code computes ages in 64 bits."""
+    edge_ms = sign * 4.6e12
+    assert session.step(frame_at(-edge_ms)).decision.state is MarginState.NEGATIVE
+    step = session.step(frame(edge_ms, needle(edge_ms), cautery_at(40.0, -edge_ms)))
+    assert step.decision.state is MarginState.UNKNOWN
+    assert not step.decision.constraint_is_current
+    with pytest.raises(StampError, match="out of range"):
+        Stamp(2**63)
 
 
 def test_silent_tracker_is_unknown_from_its_watchdog_frame_on(session):

@@ -88,7 +88,7 @@ def test_bytes_of_transforms_end_with_the_message():
 
 def test_stamp_beyond_a_ros_time_raises():
     with pytest.raises(BridgeError, match="does not fit a ROS time"):
-        SerializedJoints().message(JointSample(("turn",), (0.0,), Stamp(2**62)))
+        SerializedJoints().message(JointSample(("turn",), (0.0,), Stamp(2**61)))
 
 
 def point_of(numbers: Sequence[float], block: Block, frame: str = "") -> PointStamped:

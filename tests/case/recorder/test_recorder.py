@@ -99,7 +99,7 @@ def test_existing_files_are_not_overwritten(tmp_path, frames):
         write_recording(tmp_path / "no" / "x.mcap", frames(5))
 
 
-@pytest.mark.parametrize("bad_ns", [-1, 2**31 * 10**9, 2**63])
+@pytest.mark.parametrize("bad_ns", [-1, 2**31 * 10**9, 2**61])
 def test_stamps_that_do_not_fit_are_refused(tmp_path, frames, bad_ns):
     (frame,) = frames(1)
     sample = type(frame.poses[0]).lost("a", "b", Stamp(bad_ns), TrackingStatus.MISSING)
