@@ -38,7 +38,7 @@ class CombinedDecision:
 
     def restart(self) -> None:
         """Forget the planes: a structure, the tool or the registration has changed."""
-        self._constraint = None
+        self._constraint, self.half_spaces_of = None, ()
 
     def of(
         self, steps: Sequence[StructureStep], radius_mm: float, far_mm: float = math.inf

@@ -158,6 +158,16 @@ def test_planes_before_a_change_are_not_published_after_it(run):
     assert not run.step().decision.constraint_is_current
 
 
+def test_half_spaces_of_a_removed_structure_are_not_named_any_more(run):
+    assert run.step().half_spaces_of == (0, 1, 2)
+    run.use()
+    step = run.step()
+    assert (step.structures, step.half_spaces_of) == ((), ())
+    run.use(WALL)
+    step = run.step(without=("cautery",))
+    assert (step.decision.constraint, step.half_spaces_of) == (None, ())
+
+
 def test_lost_structure_makes_the_session_unknown_and_its_planes_not_current(run):
     step = run.step(without=("reference",))
     assert [each.decision.state.name for each in step.structures] == [
