@@ -60,13 +60,12 @@ def loosenings(before: SessionSetup, after: SessionSetup, tumor_change: str = ""
     found = [", ".join(margins)] if margins else []
     if before.tool_from_tip != after.tool_from_tip:
         found.append(_tip_change(before.tool_from_tip, after.tool_from_tip))
+    elif after.tip_sigma_mm < before.tip_sigma_mm:
+        found.append(_lowered("tip", before.tip_sigma_mm, after.tip_sigma_mm))
     if (before.proximity, before.frame_from_tumor) != (after.proximity, after.frame_from_tumor):
         found.append(tumor_change or "tumour replaced")
     elif after.tumor_sigma_mm < before.tumor_sigma_mm:
-        found.append(
-            f"uncertainty of the tumour lowered from {before.tumor_sigma_mm:.2f} to "
-            f"{after.tumor_sigma_mm:.2f} mm"
-        )
+        found.append(_lowered("tumour", before.tumor_sigma_mm, after.tumor_sigma_mm))
     found += _structure_changes(before, after)
     if before.robot is not after.robot:
         found.append(_robot_change(before.robot, after.robot))
@@ -99,6 +98,10 @@ def _structure_changes(before: SessionSetup, after: SessionSetup) -> list[str]:
         if changes:
             found.append(f"{what}{', '.join(changes)}")
     return found
+
+
+def _lowered(what: str, before_mm: float, after_mm: float) -> str:
+    return f"uncertainty of the {what} lowered from {before_mm:.2f} to {after_mm:.2f} mm"
 
 
 def _tip_change(before: Transform, after: Transform) -> str:

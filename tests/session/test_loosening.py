@@ -94,6 +94,9 @@ def test_each_change_of_tumour_tool_and_robot_loosens():
     stated = replace(SETUP, tumor_sigma_mm=0.6)
     assert loosenings(SETUP, stated) == []
     assert loosenings(stated, SETUP) == ["uncertainty of the tumour lowered from 0.60 to 0.00 mm"]
+    stated = replace(SETUP, tip_sigma_mm=0.4)
+    assert loosenings(SETUP, stated) == []
+    assert loosenings(stated, SETUP) == ["uncertainty of the tip lowered from 0.40 to 0.00 mm"]
     assert loosenings(SETUP, SETUP) == []
 
 
