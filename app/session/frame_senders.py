@@ -231,12 +231,13 @@ class FrameSenders:
     is: an edge from another parent and another sender is a conflict as well. One sender may measure
     a frame from several parents. A new edge that closes a loop with edges of other senders is
     refused, because it would replace measured edges on the path between two frames. Of the frames
-    that are not children of ``named`` edges the first `MAX_FRAMES` are followed.
+    and edges that are not ``named`` the first `MAX_FRAMES` are followed, and the others refused.
 
     Times are of a monotonic clock in ns.
     """
 
     def __init__(self, named: Collection[Edge] = ()) -> None:
+        self._named = frozenset(named)
         self._trails = {child: SenderTrail() for _, child in named}
         self._sequences = {child: SequenceTrail() for _, child in named}
         self._limit = len(self._trails) + MAX_FRAMES
@@ -254,9 +255,11 @@ class FrameSenders:
         ``fresh_ns`` as in `SenderTrail`.
         """
         child = edge[1]
+        if not (edge in self._edges or edge in self._named or len(self._edges) < self._limit):
+            return False
         if child not in self._trails:
             if len(self._trails) >= self._limit:
-                return True
+                return False
             self._trails[child] = SenderTrail()
         self._last_edge[child] = edge
         self._hear(sender, now_ns)
@@ -272,13 +275,18 @@ class FrameSenders:
             self._connected.update(edge)
         return True
 
-    def observe_sequence(self, edge: Edge, sequence: int, sample: Sample, now_ns: int) -> None:
-        """Process a sample whose sender is not identified, from the message ``sequence``."""
+    def observe_sequence(self, edge: Edge, sequence: int, sample: Sample, now_ns: int) -> bool:
+        """Process a sample whose sender is not identified, from the message ``sequence``.
+
+        False if it must not be used.
+        """
         child = edge[1]
-        if child in self._sequences or len(self._sequences) < self._limit:
-            self._last_edge[child] = edge
-            trail = self._sequences.setdefault(child, SequenceTrail())
-            trail.observe(sequence, _of_edge(sample, edge), now_ns)
+        if child not in self._sequences and len(self._sequences) >= self._limit:
+            return False
+        self._last_edge[child] = edge
+        trail = self._sequences.setdefault(child, SequenceTrail())
+        trail.observe(sequence, _of_edge(sample, edge), now_ns)
+        return True
 
     def has_conflict(self, child: str) -> bool:
         """True if samples of the frame ``child`` are in a conflict, which may have ended."""
