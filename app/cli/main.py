@@ -110,7 +110,10 @@ def build_parser(given: Sequence[str] = ()) -> CommandParser:
             module.add_arguments(subparser)
         add_debug(subparser)
         subparser.set_defaults(run=module.run)
-    parser.moved = MOVED
+    parser.moved = {
+        old: f"is part of {new.split()[0]}; expected marginguard {new}"
+        for old, new in MOVED.items()
+    }
     parser.set_defaults(debug=False)
     return parser
 

@@ -59,7 +59,7 @@ class CommandParser(argparse.ArgumentParser):
     """`argparse.ArgumentParser` that raises `UsageError` and suggests similar words."""
 
     moved: Mapping[str, str] = {}
-    """Commands of earlier versions, with what replaces each."""
+    """Commands of earlier versions, with a sentence about what replaces each."""
     subcommands: "argparse._SubParsersAction[CommandParser] | None" = None
     _received: Sequence[str] = ()
 
@@ -102,11 +102,7 @@ class CommandParser(argparse.ArgumentParser):
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
             if value in self.moved:
-                new = self.moved[value]
-                raise UsageError(
-                    f"{self.prog}: error: {value}: is part of {new.split()[0]}; "
-                    f"expected {self.prog} {new}"
-                )
+                raise UsageError(f"{self.prog}: error: {value}: {self.moved[value]}")
             choices = [str(choice) for choice in action.choices]
             raise argparse.ArgumentError(
                 action,

@@ -134,6 +134,7 @@ CONTROL = Block(
         ),
     },
     rules=(FILES,),
+    replaced={"tumor": "the tumour's pose from the guard's constraint: remove this key"},
 )
 
 

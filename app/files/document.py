@@ -61,6 +61,8 @@ class Section:
         self.notes = tuple(notes)
         """A sentence about each key that is given by its old name."""
         for key in values:
+            if key in block.replaced:
+                raise InputError(f"{self.place(key)} is gone; expected {block.replaced[key]}")
             if key not in block.keys:
                 raise InputError(
                     f"{self.place(key)} is unknown; expected one of {', '.join(block.keys)}"

@@ -148,6 +148,7 @@ class Block(Key):
     exactly one variant applies. ``needs``: a key, and the other one that must be given with it.
     ``rules`` are checked by the readers of the block and cannot be stated in JSON Schema.
     ``old_names``: former name of an optional key -> key; it is still read, with a note.
+    ``replaced``: former key -> text of what stands for it; it is refused with that text.
     ``read`` makes the value of a mapping of this block from its `Section`.
     """
 
@@ -156,6 +157,7 @@ class Block(Key):
     needs: tuple[tuple[str, str], ...] = ()
     rules: tuple[str, ...] = ()
     old_names: Mapping[str, str] = field(default_factory=dict)
+    replaced: Mapping[str, str] = field(default_factory=dict)
     read: Callable[[Any], Any] | None = None
 
     def others_than(self, variant: Variant) -> list[str]:

@@ -41,6 +41,8 @@ def main() -> int:
     processes = ("guard", "tracker", "controller")
     parser.add_argument("--process", action="append", choices=processes, help=text)
     parser.add_argument("--logs", type=Path, metavar="DIR", help="keep logs and truth below DIR")
+    parser.gone("--append", "--first-push", expected="all --pushes in one run")
+    parser.gone("--contact", expected="pytest tests/simulation/test_contact.py")
     options = parser.parse_args()
     run = _run_stops if options.stops else _run_pushes
     try:

@@ -188,4 +188,5 @@ def _options() -> Any:
     parser.number("--workers", [1, 2], "numbers of workers")
     parser.number("--duration", 75.0, "length of a case in s")
     parser.add_argument("--seed", type=int, default=1, help="seed of the cohort (default: 1)")
+    parser.gone("--keep", "--minutes", "--scratch", expected="all --workers in one run")
     return parser.parse_args()

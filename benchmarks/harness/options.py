@@ -11,6 +11,11 @@ from app.cli.options import input_argument
 RECORDED_CASE = Path(__file__).resolve().parents[2] / "data/recorded_case"
 
 
+class _Gone(argparse.Action):
+    def __call__(self, *_: Any) -> None:
+        raise argparse.ArgumentError(self, f"is gone; expected {self.const}")
+
+
 class BenchParser(argparse.ArgumentParser):
     """Parser of ``marginguard bench NAME``, with ``--json FILE``."""
 
@@ -58,6 +63,10 @@ class BenchParser(argparse.ArgumentParser):
 
         checked.__name__ = kind.__name__  # named in the message for a word that is no number
         self.add_argument(flag, type=checked, default=default, help=text, **settings)
+
+    def gone(self, *flags: str, expected: str) -> None:
+        """Refuse ``flags`` of an earlier version and name what is ``expected`` in their place."""
+        self.add_argument(*flags, action=_Gone, nargs="?", const=expected, help=argparse.SUPPRESS)
 
     def case(self, flag: str = "--case") -> None:
         """Add the case to run on: an option, or an argument that may be missing."""

@@ -66,6 +66,12 @@ def test_each_help_contains_command(name, started):
             ["replay", "--minutes", "-1"],
             "argument --minutes: -1; expected more than 0, at most 600",
         ),
+        (
+            ["closed_loop", "--json", "x.json", "--append"],
+            "argument --append/--first-push: is gone; expected all --pushes in one run",
+        ),
+        (["closed_loop", "--contact"], "is gone; expected pytest tests/simulation/test_contact.py"),
+        (["cohort", "--keep", "x"], "is gone; expected all --workers in one run"),
         (["fixture", "--tumors", "80", "19"], "argument --tumors: 19; expected 20 or more"),
     ],
 )

@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from app.cli.commands.bench import BENCHMARKS, MOVED
 from tests.cli.command import refused
 
 
@@ -25,6 +26,17 @@ def test_json_behind_the_name_of_a_benchmark_is_not_of_the_command():
 )
 def test_misspelt_word_is_answered_with_similar_one(arguments, suggestion):
     assert suggestion in refused(*arguments.split())
+
+
+@pytest.mark.parametrize(("old", "new"), MOVED.items())
+def test_benchmark_of_earlier_version_names_its_replacement(old, new, project_root):
+    assert refused("bench", old, "--any") == (
+        f"marginguard bench: error: {old}: is no longer a benchmark; expected {new}"
+    )
+    words = new.split()
+    assert (
+        words[2] in BENCHMARKS if words[0] == "marginguard" else (project_root / words[1]).is_file()
+    )
 
 
 def test_word_without_similar_one_gets_no_suggestion():

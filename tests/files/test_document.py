@@ -141,6 +141,14 @@ def test_misspelt_key_is_refused_with_a_suggestion(tmp_path):
         Section({1: 1.0}, "x.yaml:", block)
 
 
+def test_replaced_key_is_refused_with_what_stands_for_it():
+    block = Block("a document", {"arm": NUMBER}, replaced={"tumor": "the pose of the guard"})
+    with pytest.raises(
+        InputError, match=r"^x\.yaml: tumor is gone; expected the pose of the guard$"
+    ):
+        Section({"arm": 1.0, "tumor": {}}, "x.yaml:", block)
+
+
 def test_key_is_read_as_declared(tmp_path):
     with pytest.raises(TypeError, match="a is declared as Number, not Text"):
         load(tmp_path, "a: 1\n", NUMBER).text("a")

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from app.cli.parsing import BAD_INPUT
+from app.cli.parsing import BAD_INPUT, CommandParser
 from app.files import check_output_path
 from app.files.extras import extra_with, install_command, install_hint
 from app.files.paths import shipped
@@ -34,13 +34,31 @@ BENCHMARKS = {
     "faults": "faults of tracker, robot, graph and process, judged from outside",
 }
 """Help by name; the module is that of the name in the folder ``benchmarks``."""
+MOVED = {
+    "report": "marginguard bench replay --report",
+    "push": "marginguard bench closed-loop",
+    "guided": "marginguard bench closed-loop",
+    "registration": "pytest tests/registration/test_long_accuracy.py",
+    "fixture-agreement": "pytest tests/fixture/proximity/test_long_agreement.py",
+    "frozen": "pytest tests/session/test_long_repetition.py",
+    "plausibility": "pytest tests/session/plausibility/test_long_false_holds.py",
+    "kinematics": "pytest tests/robot/test_long_kinematics.py",
+    "fuzz": "pytest tests/fuzz/test_long_fuzzing.py",
+    "record": "pytest tests/recorder/test_twenty_kills.py",
+    "depth": "pytest tests/analysis/test_long_depth.py",
+    "probability": "pytest tests/analysis/test_long_breach_probability.py",
+    "passivity": "pytest tests/simulation/test_long_passivity.py",
+    "edits": "pytest tests/bridge/simulation/test_body_edits.py",
+}
+"""Benchmarks of earlier versions, with the command that replaces each; tests run in a clone."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: CommandParser) -> None:
     """Declare the options of ``marginguard bench``; options after the name are the benchmark's."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     lines = "".join(f"\n  {name:12}  {text}" for name, text in BENCHMARKS.items())
     parser.epilog = f"benchmarks:{lines}"
+    parser.moved = {old: f"is no longer a benchmark; expected {new}" for old, new in MOVED.items()}
     parser.add_argument(
         "name", choices=tuple(BENCHMARKS), metavar="NAME", help="a benchmark of the list below"
     )
