@@ -91,7 +91,7 @@ class Section:
         """Raise `InputError` for the first of ``keys`` that is missing."""
         for key in keys:
             if key not in self:
-                raise InputError(f"{self.place(key)} is missing")
+                raise self._missing(key)
 
     def value(self, key: str) -> Any:
         """Return the value under ``key`` by its declaration; None for a missing optional key."""
@@ -216,8 +216,9 @@ class Section:
 
     def matrix(self, key: str, *, target: str, source: str) -> Transform:
         """Return 16 numbers under ``key`` as ``target_from_source``, which is rigid."""
+        numbers = self.numbers(key)
         try:
-            return Transform.from_matrix(self.numbers(key), target=target, source=source)
+            return Transform.from_matrix(numbers, target=target, source=source)
         except MarginGuardError as error:
             raise InputError(f"{self.place(key)}: {error}") from error
 
@@ -249,8 +250,12 @@ class Section:
             return self._values[key]
         default = self._block.keys[key].default
         if default is None:
-            raise InputError(f"{self.place(key)} is missing")
+            raise self._missing(key)
         return default
+
+    def _missing(self, key: str) -> InputError:
+        expected = self._block.keys[key].description.partition(";")[0]
+        return InputError(f"{self.place(key)} is missing; expected {expected}")
 
     def _declared(self, key: str, kind: type[_Declared]) -> _Declared:
         return _of_kind(self._block.keys[key], kind, key)

@@ -193,7 +193,7 @@ def resolve_inside(folder: Path, name: str, where: str) -> Path:
         raise InputError(f"{where} is {name!r}: it leaves the folder {folder} by a symbolic link")
     if not (is_file(path) or is_folder(path)):
         problem = "not a file or folder" if os.path.lexists(path) else f"no such file in {folder}"
-        raise InputError(f"{where} is {name!r}: {problem}")
+        raise InputError(f"{where} is {name!r}: {problem}; expected an existing file or folder")
     return path
 
 

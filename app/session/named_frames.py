@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
-from app.case import Case
+from app.case import Case, StructureEntry
 from app.geometry import Edge, FrameError, shortest_path
 from app.session.setup import REFERENCE, SessionSetup
 
@@ -43,8 +43,8 @@ def check_frames(case: Case, *, with_tumor: bool = True) -> None:
             f"{manifest.file}: {places}: not connected to {_TOOL} {tool!r} in the recording, "
             f"which has {_shown(edges)}"
         )
-    for each in manifest.structures:
-        if each.name in _names(edges):
+    for each in (manifest.tumor, *manifest.structures):
+        if isinstance(each, StructureEntry) and each.name in _names(edges):
             raise FrameError(
                 f"{manifest.file}: {each.key}.name is that of a frame of the recording; "
                 "expected a name of its own"

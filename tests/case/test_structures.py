@@ -173,7 +173,10 @@ BAD: dict[str, tuple[str, object, str]] = {
         "structures.1.name", "tumor",
         "case.yaml: structures: 2 have the name 'tumor'; expected another one for each",
     ),
-    "no frame": ("structures.1.frame", ..., "case.yaml: structures[1].frame is missing"),
+    "no frame": (
+        "structures.1.frame", ...,
+        "case.yaml: structures[1].frame is missing; expected the tracked frame",
+    ),
     "no target": (
         "structures.0.role", "forbidden",
         "case.yaml: structures has no target; expected at least one: what is removed",
@@ -215,7 +218,10 @@ BAD: dict[str, tuple[str, object, str]] = {
         "structures.1.margins.warn_mm", 1,
         "case.yaml: structures[1].margins.warn_mm is 1; expected more than stop_mm (2)",
     ),
-    "no margins": ("structures.1.margins", ..., "case.yaml: structures[1].margins is missing"),
+    "no margins": (
+        "structures.1.margins", ...,
+        "case.yaml: structures[1].margins is missing; expected distances",
+    ),
     "margin of all in a structure": (
         "structures.1.margins.k_tre", 1,
         "case.yaml: structures[1].margins.k_tre is unknown; expected one of stop_mm, warn_mm",
@@ -418,8 +424,9 @@ def test_missing_mesh_of_another_tool_is_refused(write):
         open_case(write(two_tools(mesh={"path": "none.stl", "units": "mm"})))
 
 
-def test_structure_with_the_name_of_a_recorded_frame_is_refused(write):
-    case = open_case(write(edited("structures.1.name", "tracker")))
+@pytest.mark.parametrize("number", [0, 1])
+def test_structure_with_the_name_of_a_recorded_frame_is_refused(write, number):
+    case = open_case(write(edited(f"structures.{number}.name", "tracker")))
     with refused(
         text="case.yaml: structures.tracker.name is that of a frame of the recording; expected a",
         error=FrameError,

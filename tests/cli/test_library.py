@@ -22,6 +22,8 @@ from tests.viewer.conftest import TOKEN, VIEW_TOKEN, Server
 
 pytestmark = pytest.mark.long
 
+NO_TOOL = "case.yaml: tool is missing; expected the tracked tool"
+
 WAIT_MS = 90_000
 SIZES = ((1280, 720), (1920, 1080), (390, 844))
 
@@ -98,7 +100,7 @@ def test_cases_are_listed_and_two_are_compared(page):
     expect(card.locator("dl")).to_contain_text("Breaches1")
     expect(card.locator("dl")).to_contain_text("Deepest point-2.97 mm")
     page.wait_for_function("document.querySelector('#cases img').naturalWidth > 100")
-    expect(page.locator(".state[data-state=failed]")).to_have_text("case.yaml: tool is missing")
+    expect(page.locator(".state[data-state=failed]")).to_have_text(NO_TOOL)
     expect(page.locator("#compare")).to_be_disabled()
     page.check("[name=first]")
     page.check("[name=second]")
@@ -167,7 +169,7 @@ def test_viewer_sees_and_opens_nothing(server, root):
         status, found = answer(server, TOKEN, "POST", f"/open/{name}")
         assert status == 409 and "not in the library" in found["problem"]
     status, found = answer(server, TOKEN, "POST", "/open/broken")
-    assert status == 409 and found["problem"] == "case.yaml: tool is missing"
+    assert status == 409 and found["problem"] == NO_TOOL
 
 
 def test_case_is_opened_in_the_replay_page(page, browser, server):

@@ -106,8 +106,8 @@ def test_default_is_returned_for_a_missing_key_only(tmp_path):
     assert (section.integer("a"), section.number("b")) == (3, 0.5)
     with pytest.raises(InputError, match=r"x\.yaml: a is None; expected an integer"):
         load(tmp_path, "a: null\n", three).integer("a")
-    with pytest.raises(InputError, match=r"x\.yaml: a is missing"):
-        load(tmp_path, "{}\n", Integer("an integer", 1, optional=True)).integer("a")
+    with pytest.raises(InputError, match=r"^x\.yaml: a is missing; expected a count$"):
+        load(tmp_path, "{}\n", Integer("a count; 1 for one", 1, optional=True)).integer("a")
 
 
 @pytest.mark.parametrize(
@@ -139,6 +139,13 @@ def test_misspelt_key_is_refused_with_a_suggestion(tmp_path):
         Section({"colour": 1.0}, "x.yaml:", block)
     with pytest.raises(InputError, match=r"x\.yaml: 1 is unknown; expected one of"):
         Section({1: 1.0}, "x.yaml:", block)
+
+
+def test_short_matrix_is_refused_with_its_place_once(tmp_path):
+    short = load(tmp_path, "a: [1, 2]\n", Numbers("a matrix", 16))
+    expected = r"^x\.yaml: a is 2 values; expected a list of 16 numbers$"
+    with pytest.raises(InputError, match=expected):
+        short.matrix("a", target="x", source="y")
 
 
 def test_replaced_key_is_refused_with_what_stands_for_it():
