@@ -52,7 +52,7 @@ def parse_xml(data: bytes, place: Path | str, error: type[MarginGuardError]) -> 
     try:
         return etree.fromstring(data, parser)
     except etree.XMLSyntaxError as problem:
-        raise error(f"{place} is not well-formed XML: {problem.msg}") from problem
+        raise error(f"{place} is not well-formed: {problem.msg}; expected XML") from problem
 
 
 def check_xml(data: bytes, place: Path | str, error: type[MarginGuardError]) -> None:
@@ -111,4 +111,4 @@ def walk_xml(
         line = parser.CurrentLineNumber
         raise error(f"{place} line {line}: {problem}; expected a smaller document") from problem
     except (expat.ExpatError, ValueError, LookupError) as problem:
-        raise error(f"{place} is not well-formed XML: {problem}") from problem
+        raise error(f"{place} is not well-formed: {problem}; expected XML") from problem

@@ -52,7 +52,9 @@ class ClosedTree(KinematicTree):
         for closure in closures:
             for link in (closure.parent, closure.child):
                 if link not in self.link_rows:
-                    raise UrdfError(f"link {link!r} of joint {closure.name!r} is not a link")
+                    raise UrdfError(
+                        f"link {link!r} of joint {closure.name!r} is not a link; expected one"
+                    )
         self._columns = [joint for joint in self.joints if joint.moves]
         self._rows_of_columns = [self.link_rows[joint.child] for joint in self._columns]
         self._column_axes = np.array([joint.axis for joint in self._columns]).reshape(-1, 3)

@@ -221,7 +221,9 @@ def _root_of(link_names: Sequence[str], joints: Sequence[Joint]) -> str:
     for joint in joints:
         for role, link in (("parent", joint.parent), ("child", joint.child)):
             if link not in known:
-                raise UrdfError(f"{role} {link!r} of joint {joint.name!r} is not a link")
+                raise UrdfError(
+                    f"{role} {link!r} of joint {joint.name!r} is not a link; expected one"
+                )
         if joint.child in parent_joint:
             raise UrdfError(
                 f"link {joint.child!r} is the child of the joints {parent_joint[joint.child]!r} "
@@ -262,7 +264,10 @@ def _leaders_first(joints: Sequence[Joint], named: Mapping[str, Joint]) -> tuple
         chain: list[Joint] = []
         while joint.moves and joint.name not in ordered:
             if joint in chain:
-                raise UrdfError(f"joint {joint.name!r} mimics itself, directly or through others")
+                raise UrdfError(
+                    f"joint {joint.name!r} mimics itself, directly or through others; expected "
+                    "another joint"
+                )
             chain.append(joint)
             if joint.mimic is None:
                 break

@@ -130,7 +130,8 @@ def _check_names(root: etree._Element, kind: str, path: Path | str) -> None:
             raise UrdfError(f"{path}: <{kind}> in line {line} has no name")
         if name in lines:
             raise UrdfError(
-                f"{path} has two {kind}s named {name!r}, in the lines {lines[name]} and {line}"
+                f"{path} has two {kind}s named {name!r}, in the lines {lines[name]} and {line}; "
+                "expected different names"
             )
         lines[name] = line
 

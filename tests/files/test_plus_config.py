@@ -111,7 +111,7 @@ def test_document_type_is_refused(tmp_path):
         (landmarks("<Landmark Name='A' Position='1_0 2 3'/>"), "'A': '1_0' is not a number"),
         (coordinates(*["<Transform From='A' To='B' Matrix=''/>"] * 2), "AToB occurs twice"),
         (coordinates("<Transform From='A' Matrix=''/>"), "From='A' To=''"),
-        ("<open>", "not well-formed XML"),
+        ("<open>", "not well-formed: "),
     ],
 )
 def test_malformed_entry_is_named(tmp_path, inner, message):

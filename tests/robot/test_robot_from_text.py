@@ -70,7 +70,7 @@ def test_relative_names_are_resolved_in_the_allowed_folders(touch_urdf, touch, m
         ("x" * 10_000_000, "10000000 characters; expected at most 8388608 bytes"),
         ("é" * 5_000_000, "10000000 bytes; expected at most 8388608"),
         ('<!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/passwd">]><robot>&a;</robot>', "DOCTYPE"),
-        ("", "robot_description is not well-formed XML"),
+        ("", "robot_description is not well-formed: "),
         ("bodies: []", "not well-formed"),
         ("<robot name='\ud800'/>", "cannot be encoded as UTF-8"),
     ],

@@ -159,7 +159,7 @@ FAULTS: dict[str, tuple[dict[str, str | bytes], str]] = {
     "two scenes": ({"a/a.mrml": SCENE, "a/b.mrml": SCENE}, "2 scenes"),
     "no sequence": ({"a/a.mrml": scene()}, "no sequence of transforms"),
     "not MRML": ({"a/a.mrml": "<html></html>"}, "is a 'html'; expected an MRML scene"),
-    "cut": ({"a/a.mrml": SCENE[:-20]}, "not well-formed XML"),
+    "cut": ({"a/a.mrml": SCENE[:-20]}, "not well-formed: "),
     "entities": ({"a/a.mrml": BOMB}, "has a document type"),
     "over angles": (
         {"a/a.mrml": one(indexUnit="deg")}, "over 'time' in 'deg' .*; expected time in 's'"

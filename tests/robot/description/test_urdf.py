@@ -32,8 +32,14 @@ def collision(geometry, origin=""):
     [
         ("", "has no link"),
         ("<link/>", "<link> in line 3 has no name"),
-        ('<link name="a"/>\n<link name="a"/>', "two links named 'a', in the lines 3 and 4"),
-        (TWO + joint() + "\n" + joint(), "two joints named 'j', in the lines 3 and 4"),
+        (
+            '<link name="a"/>\n<link name="a"/>',
+            "two links named 'a', in the lines 3 and 4; expected different names",
+        ),
+        (
+            TWO + joint() + "\n" + joint(),
+            "two joints named 'j', in the lines 3 and 4; expected different names",
+        ),
         (TWO + joint(links='<child link="b"/>'), "'j' in line 3 names no parent link"),
         (TWO + joint(links='<parent link="a"/><child/>'), "names no child link"),
         (TWO + joint(kind="floating"), "type 'floating'; expected fixed, revolute"),
