@@ -12,7 +12,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import islice
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from app.case import JointSample, TrackingFrame
 from app.geometry import NS_PER_S, FloatArray, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.runtime import prepare_case
-from app.session import Session, SessionSetup
+from app.session import Session
 from benchmarks.fixture.case import Case
 from benchmarks.fixture.engines import ENGINES
 from benchmarks.harness.figures import columns_table, figures_table, in_turns, show, spread
@@ -35,8 +35,11 @@ MOST_P50, MOST_P99, MOST_THREE = 0.15, 0.45, 2.0
 MAX_GROWTH_MB = 2.0
 _STRUCTURES_CASE = RECORDED_CASE.with_name("structures_case")
 _TRIANGLES = (81_920, 2000)
-_ROUNDS, _WARM_ROUNDS = 20, 2
+_WARM_ROUNDS, _ROUNDS = 2, 20
 _STEPS_TO_ONE_QUERY = 5
+
+Peer: TypeAlias = tuple[Callable[[Any], Any], Iterator[Any]]
+"""A function, and its inputs."""
 
 
 class Trajectory:
@@ -100,66 +103,40 @@ def _interpolated(
     return np.column_stack(positions), rotations(times_ns - known_ns[0]).as_quat()
 
 
-def stepping(
-    setup: SessionSetup, frames: Iterator[TrackingFrame], states: Counter[str], *, is_live: bool
-) -> Callable[[int], list[int]]:
-    """A function that takes a number of steps and returns their times in ns.
-
-    Building the frames is not timed. ``states`` counts the decisions.
-    """
-    session = Session(setup, free_motion=is_live, skip_far=is_live)
-
-    def take(count: int) -> list[int]:
-        times_ns = []
-        for frame in islice(frames, count):
-            begin = time.thread_time_ns()
-            step = session.step(frame)
-            times_ns.append(time.thread_time_ns() - begin)
-            states[step.decision.state.name] += 1
-        return times_ns
-
-    return take
-
-
-def querying(poses: int) -> Callable[[int], list[int]]:
-    """Like `stepping`, for FCL's distance at ``poses`` poses near the tumour."""
-    case = Case.of(*_TRIANGLES, poses)
-    measure, numbers = ENGINES["fcl"].build(case.tumor, case.tool), iter(range(poses))
-
-    def take(count: int) -> list[int]:
-        times_ns = []
-        for number in islice(numbers, count // _STEPS_TO_ONE_QUERY):
-            begin = time.thread_time_ns()
-            measure(case.trajectory[number])
-            times_ns.append(time.thread_time_ns() - begin)
-        return times_ns
-
-    return take
-
-
-def measure(peers: Mapping[str, Callable[[int], list[int]]], steps: int) -> dict[str, Any]:
+def measure(peers: Mapping[str, Peer], steps: int) -> dict[str, Any]:
     """Percentiles of about ``steps`` steps of each of the ``peers``, and the growth of memory.
 
-    ``in_fcl`` are the median and the 99th percentile in FCL's median.
+    ``p50`` and ``p99`` are in the median of `FCL`, which is called less often. Making the inputs is
+    not timed.
     """
-    times_ns: dict[str, list[int]] = {name: [] for name in peers}
+    times_ns: dict[str, list[list[int]]] = {name: [] for name in peers}
+    states, resident = Counter[str](), [0.0]
     gc.collect()
     gc.freeze()
-    per_round = max(_STEPS_TO_ONE_QUERY, steps // _ROUNDS)
-    for _ in range(_WARM_ROUNDS):
-        for take in peers.values():
-            take(per_round)
-    warm_mb = resident_mb()
-    for name in in_turns(list(peers), _ROUNDS, "steps"):
-        times_ns[name] += peers[name](per_round)
-    figures = {name: spread(np.array(each) / 1e6) for name, each in times_ns.items()}
+    for name in in_turns(list(peers), _WARM_ROUNDS + _ROUNDS, "steps"):
+        call, inputs = peers[name]
+        count = max(_STEPS_TO_ONE_QUERY, steps // _ROUNDS)
+        spent_ns = []
+        for each in islice(inputs, count // _STEPS_TO_ONE_QUERY if name == FCL else count):
+            begin = time.thread_time_ns()
+            found = call(each)
+            spent_ns.append(time.thread_time_ns() - begin)
+            if name != FCL:
+                states[found.decision.state.name] += 1
+        times_ns[name].append(spent_ns)
+        resident.append(resident_mb())
+    figures = {
+        name: spread(np.concatenate(rounds[_WARM_ROUNDS:]) / 1e6)
+        for name, rounds in times_ns.items()
+    }
     yard_ms = figures[FCL]["p50_ms"]
     return {
         "forms": [
             {"form": name, **each, "p50": each["p50_ms"] / yard_ms, "p99": each["p99_ms"] / yard_ms}
             for name, each in figures.items()
         ],
-        "memory": {"warm_mb": warm_mb, "end_mb": resident_mb()},
+        "memory": {"warm_mb": resident[_WARM_ROUNDS * len(peers)], "end_mb": resident[-1]},
+        "states": states,
     }
 
 
@@ -178,10 +155,11 @@ def goals(found: Mapping[str, Any]) -> Iterator[Goal]:
 def main() -> int:
     parser = BenchParser("session", __doc__)
     parser.number("--steps", 10_000, "of each form", low=100)
+    parser.gone("--seconds", expected="--steps")
     parser.case()
     options = parser.parse_args()
     one, three = prepare_case(options.case), prepare_case(_STRUCTURES_CASE)
-    count, states, peers = options.steps * 2, Counter[str](), {}
+    peers: dict[str, Peer] = {}
     for name, case, rate_hz, is_live in (
         (LIVE, one, 40, True),
         ("live, 1 kHz", one, 1000, True),
@@ -190,10 +168,11 @@ def main() -> int:
     ):
         recorded = list(case.case.frames())
         start = 0 if rate_hz == 40 else len(recorded) // 2
-        source = Trajectory(recorded[start:], rate_hz).frames(count)
-        peers[name] = stepping(case.setup, source, states, is_live=is_live)
-    peers[FCL] = querying(count // _STEPS_TO_ONE_QUERY)
-    found = measure(peers, options.steps) | {"states": states}
+        session = Session(case.setup, free_motion=is_live, skip_far=is_live)
+        peers[name] = session.step, Trajectory(recorded[start:], rate_hz).frames(2 * options.steps)
+    meshes = Case.of(*_TRIANGLES, options.steps)
+    peers[FCL] = ENGINES["fcl"].build(meshes.tumor, meshes.tool), iter(meshes.trajectory)
+    found = measure(peers, options.steps)
     columns = {name: name for name in ("form", "p50_ms", "p99_ms", "max_ms")}
     columns |= {"p50 in FCL's": "p50", "p99 in FCL's p50": "p99"}
     show(columns_table("steps", found["forms"], columns), figures_table(found))
