@@ -1,5 +1,6 @@
 """The deepest point of an interpolated path, compared with dense sampling of the same path."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -69,6 +70,25 @@ def test_bound_holds_when_the_evaluations_are_used_up():
     assert found.lower_bound_mm <= dense_minimum_mm(poses)
     assert found.lower_bound_mm < found.deepest.proximity.signed_distance_mm - 0.01
     assert found.end is path[-1]
+
+
+@pytest.mark.parametrize("loose_mm", [(0.0, 50.0), (50.0, 0.0)])
+def test_loose_bound_at_an_end_leads_to_no_pose_beyond_it(loose_mm):
+    path = []
+    for x_mm, by_mm in zip((20.0, 21.0), loose_mm, strict=True):
+        pose = Transform("tumor", "tip", np.eye(3), [x_mm, 0.0, 0.0])
+        exact = measured(pose)
+        bounded = replace(exact, lower_bound_mm=exact.lower_bound_mm - by_mm)
+        path.append(PathPoint(Stamp(0), pose, bounded))
+    evaluated = []
+
+    def record(pose: Transform) -> Proximity:
+        evaluated.append(pose.translation_mm[0])
+        return measured(pose)
+
+    deepest_on_path(path, record, radius_mm=REACH_MM, tolerance_mm=0.1, max_evaluations=3)
+    assert len(evaluated) == 3
+    assert 20.0 < min(evaluated) < max(evaluated) < 21.0
 
 
 def test_path_without_a_point_is_refused():
