@@ -34,7 +34,7 @@ class Owner:
 
 @pytest.fixture
 def clock():
-    return ManualClock(1000 * MS)
+    return ManualClock(10 * ANSWER_NS)
 
 
 @pytest.fixture
