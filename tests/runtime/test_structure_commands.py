@@ -256,6 +256,12 @@ def test_name_of_another_tool_is_refused(world):
         request(world, vessel())
 
 
+@pytest.mark.parametrize("name", ["robot_base", "base_link", "cautery"])
+def test_name_of_a_frame_is_refused_beside_a_robot(name):
+    with pytest.raises(FrameError, match=f"^structure {name!r}: has the name of another frame"):
+        request(World(), vessel(name=name))
+
+
 def test_other_role_is_refused_where_the_command_is_made():
     with pytest.raises(InputError, match=r"^role: is 'organ'; expected one of target, forbidden$"):
         vessel(role="organ")
