@@ -1,10 +1,18 @@
-"""Changes of a session detected from its constraints, with one and with two sessions."""
+"""Time of a recorded message; changes of a session, detected from its constraints."""
+
+import time
 
 import pytest
 from marginguard_msgs.msg import FixtureConstraint
+from rclpy.duration import Duration
 from rclpy.serialization import serialize_message
+from std_msgs.msg import String
 
-from app.bridge.live.ros_recorder import SessionWatch
+from app.bridge import topics
+from app.bridge.live.ros_recorder import RosRecorder, SessionWatch
+from app.case import BagWriter
+from tests.bridge.nodes import ros_nodes
+from tests.waiting import DEADLINE_S, wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -66,3 +74,23 @@ def test_change_that_the_session_reports_has_the_ids_of_the_last_constraint(watc
     watch.note_replaced(9, "tip")
     found = [(each.received_ns, each.model_id, each.replaced) for each in watch.changes]
     assert found == [(5, "", "tip"), (1, "b", "tumour"), (9, "b", "tip")]
+
+
+def test_recorded_time_is_that_of_the_receipt_although_the_thread_was_busy(domain_id, tmp_path):
+    name, acknowledged_ns = topics.PLAYBACK.name, []
+    with ros_nodes(domain_id, "recorder", "sender") as (ros, sender):
+        publisher = sender.publisher(topics.PLAYBACK)
+        bag = BagWriter(tmp_path / "bag")
+        recorder = RosRecorder(ros, bag, [name])
+        wait_until(lambda: not recorder.waiting, lambda: ros.call(recorder.discover))
+        assert sender.wait_for_subscribers(topics.PLAYBACK, 1, DEADLINE_S)
+
+        def send():
+            publisher.publish(String(data="case 1"))
+            assert publisher.wait_for_all_acked(Duration(seconds=DEADLINE_S))
+            acknowledged_ns.append(time.time_ns())
+
+        ros.call(send)
+        received_ns, _ = wait_until(lambda: recorder.last(name))
+        assert received_ns <= acknowledged_ns[0]
+        bag.close()
