@@ -13,7 +13,7 @@ from app.fixture import MarginState, TipProximity
 from app.geometry import InputError, MarginGuardError, MeshError, SurfaceMesh, Transform
 from app.hold import NotRearmableError, RearmRefusedError, SeenHold
 from app.registration import given_registration
-from app.runtime import ChooseDepth, ImageDepth, LocalOperator
+from app.runtime import ChooseDepth, ImageDepth, LocalOperator, SetTip
 from app.runtime.operator_command import COMMANDS
 from app.runtime.requests import ADMITTED, KINDS, RequestKind
 from tests.doubles import PARAMETERS, frame, joint_sample, sample
@@ -132,7 +132,7 @@ def test_uncertainty_of_a_tumour_enters_session_and_content_and_is_named(world):
 
 
 def test_tip_is_used_by_session_content_and_outputs_and_latches_a_hold(world):
-    world.commands.set_tip(OTHER_TIP, sigma_mm=0.2, origin="a test")
+    assert LocalOperator(world.commands, "a test").request(SetTip(OTHER_TIP, 0.2)) == ""
     assert world.output_events == [*PREPARED, *APPLIED, *LATCHED]
     assert world.session.setup.tool_from_tip is OTHER_TIP
     assert world.session.setup.tip_sigma_mm == world.commands.content.tip_sigma_mm == 0.2
