@@ -205,7 +205,8 @@ class SessionSetup:
     robot's base with the name of another frame, which would be a loop, and for a link of the robot
     with that of a shown frame, for two structures of one name, and for a robot's ``link_from_tip``
     between frames that are not its ``tool_link`` and the tip. Raises `InputError` for a moving
-    tumour without a robot or a ``motion_frame``: nothing would use the velocity.
+    tumour without a robot or a ``motion_frame``: nothing would use the velocity, and
+    `MarginParameterError` for distances of a structure that are no margins.
     """
 
     tool_from_tip: Transform
@@ -231,6 +232,8 @@ class SessionSetup:
                 "tumor_motion is given without a robot: nothing uses the velocity; expected a "
                 "robot, or the frame that is at rest beside the controller's"
             )
+        for each in self.structures:
+            each.margins(self.margins)  # raises
         for what, frame, edge in (
             *(
                 (_called(each, self.guarded), each.proximity.frames[0], each.frame_from_structure)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.fixture import LimiterParameters, MarginState, Reason, limit_twist
+from app.fixture import LimiterParameters, MarginParameterError, MarginState, Reason, limit_twist
 from app.geometry import FrameError, TrackingStatus, Transform
 from app.session import Role, Session, SessionSetup, Structure, off_line
 from tests.doubles import PARAMETERS, AnalyticSphere, frame, lost, sample
@@ -156,6 +156,13 @@ def test_planes_before_a_change_are_not_published_after_it(run):
     assert step.decision.constraint is None
     # The pose is doubted until the re-arm.
     assert not run.step().decision.constraint_is_current
+
+
+@pytest.mark.parametrize("stop_mm", [6.0, 300.0])
+def test_structure_whose_distances_are_no_margins_changes_nothing(run, stop_mm):
+    with pytest.raises(MarginParameterError):
+        run.use(WALL, replace(VESSEL, stop_mm=stop_mm))
+    assert [each.name for each in run.step().structures] == ["tumor", "wall", "vessel"]
 
 
 def test_half_spaces_of_a_removed_structure_are_not_named_any_more(run):
