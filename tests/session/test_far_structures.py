@@ -18,7 +18,7 @@ from app.session.pose_tree import MeasuredPose
 from app.session.setup import REFERENCE, RobotSetup, TrackingError
 from tests.doubles import near
 from tests.oracles.fixture_oracle import random_pose
-from tests.session.structure_worlds import TIP, random_bodies, setup_of, tracker_poses
+from tests.session.structure_worlds import FRAMES, TIP, random_bodies, setup_of, tracker_poses
 from tests.session_content import one_link_content
 
 pytestmark = pytest.mark.slow
@@ -172,6 +172,23 @@ def test_pose_of_a_failed_step_is_not_that_of_a_later_distance():
     # That step fails: it has no end.
     end(found(40, 300.0, Reason.MISSING)[0])
     assert found(60, 200.0)[1] == {}
+
+
+def test_bound_of_a_far_structure_falls_by_the_motion_in_its_own_frame():
+    bodies = [
+        replace(body, frame_from_body=body.frame_from_body.renamed(target=frame))
+        for body, frame in zip(random_bodies(np.random.default_rng(1), 3), FRAMES, strict=True)
+    ]
+    far = FarStructures(setup_of(bodies))
+    for ms, at_mm in ((0, (300.0, 300.0, 300.0)), (20, (300.0, 290.0, 280.0))):
+        now, poses = Stamp(NS_PER_S + ms * NS_PER_MS), {}
+        for frame, x_mm in zip(FRAMES, at_mm, strict=True):
+            tip = Transform(frame, "cautery_tip", np.eye(3), [x_mm, 0.0, 0.0])
+            poses[frame] = MeasuredPose(tip, now, 0, frozenset())
+        found = far.found(poses, observed(now))
+        far.end(now, found, {number: measured(now, 200.0) for number in (1, 2)})
+    assert found[1].at_least_mm == pytest.approx(190.0, abs=0.01)
+    assert found[2].at_least_mm == pytest.approx(180.0, abs=0.01)
 
 
 def test_gap_is_that_of_the_margins_in_use():
