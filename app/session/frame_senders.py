@@ -231,13 +231,12 @@ class FrameSenders:
     is: an edge from another parent and another sender is a conflict as well. One sender may measure
     a frame from several parents. A new edge that closes a loop with edges of other senders is
     refused, because it would replace measured edges on the path between two frames. Of the frames
-    and edges that are not ``named`` the first `MAX_FRAMES` are followed, and the others refused.
+    that are not children of ``named`` edges the first `MAX_FRAMES` are followed.
 
     Times are of a monotonic clock in ns.
     """
 
     def __init__(self, named: Collection[Edge] = ()) -> None:
-        self._named = frozenset(named)
         self._trails = {child: SenderTrail() for _, child in named}
         self._sequences = {child: SequenceTrail() for _, child in named}
         self._limit = len(self._trails) + MAX_FRAMES
@@ -255,11 +254,9 @@ class FrameSenders:
         ``fresh_ns`` as in `SenderTrail`.
         """
         child = edge[1]
-        if not (edge in self._edges or edge in self._named or len(self._edges) < self._limit):
-            return False
         if child not in self._trails:
             if len(self._trails) >= self._limit:
-                return False
+                return True
             self._trails[child] = SenderTrail()
         self._last_edge[child] = edge
         self._hear(sender, now_ns)
@@ -275,18 +272,13 @@ class FrameSenders:
             self._connected.update(edge)
         return True
 
-    def observe_sequence(self, edge: Edge, sequence: int, sample: Sample, now_ns: int) -> bool:
-        """Process a sample whose sender is not identified, from the message ``sequence``.
-
-        False if it must not be used.
-        """
+    def observe_sequence(self, edge: Edge, sequence: int, sample: Sample, now_ns: int) -> None:
+        """Process a sample whose sender is not identified, from the message ``sequence``."""
         child = edge[1]
-        if child not in self._sequences and len(self._sequences) >= self._limit:
-            return False
-        self._last_edge[child] = edge
-        trail = self._sequences.setdefault(child, SequenceTrail())
-        trail.observe(sequence, _of_edge(sample, edge), now_ns)
-        return True
+        if child in self._sequences or len(self._sequences) < self._limit:
+            self._last_edge[child] = edge
+            trail = self._sequences.setdefault(child, SequenceTrail())
+            trail.observe(sequence, _of_edge(sample, edge), now_ns)
 
     def has_conflict(self, child: str) -> bool:
         """True if samples of the frame ``child`` are in a conflict, which may have ended."""

@@ -303,10 +303,13 @@ class SenderWatch:
         sample = Sample(pose.ns, _CONTENT.pack(*pose.translation_m, *pose.quaternion, pose.status))
         now_ns = time.monotonic_ns()
         if origin.sender is not None:
-            return frames.observe(pose.edge, origin.sender, sample, now_ns, self._fresh_ns())
-        if origin.sequence is not None:
-            return frames.observe_sequence(pose.edge, origin.sequence, sample, now_ns)
-        return True
+            fresh_ns = self._fresh_ns()
+            is_accepted = frames.observe(pose.edge, origin.sender, sample, now_ns, fresh_ns)
+        else:
+            is_accepted = True
+            if origin.sequence is not None:
+                frames.observe_sequence(pose.edge, origin.sequence, sample, now_ns)
+        return is_accepted
 
     def _own_static(self) -> dict[str, Transform]:
         return {edge.source: edge for edge in self._static_edges()}
