@@ -19,7 +19,7 @@ _TO = re.compile(r"(?<=[A-Za-z0-9])To(?=[A-Z0-9])")
 
 def check_frame(name: str) -> str:
     """Return ``name`` if it is a valid tf frame name; raise `FrameError` otherwise."""
-    if not isinstance(name, str) or len(name) > MAX_FRAME_CHARS or not _is_frame(name):
+    if not isinstance(name, str) or len(name) > MAX_FRAME_CHARS or not is_frame(name):
         raise FrameError(
             f"frame name {name!r} is not allowed; expected letters, digits, '_', '-' and '.', in "
             f"non-empty parts joined by '/', without a leading '/', {MAX_FRAME_CHARS} or fewer"
@@ -28,7 +28,8 @@ def check_frame(name: str) -> str:
 
 
 @lru_cache(maxsize=4096)  # the few frames of a session are checked with every transform
-def _is_frame(name: str) -> bool:
+def is_frame(name: str) -> bool:
+    """True if tf allows the characters of ``name``."""
     return FRAME_NAME.fullmatch(name) is not None
 
 

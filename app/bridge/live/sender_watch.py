@@ -22,6 +22,7 @@ from app.case.messages.message_values import JointValues, PoseValues
 from app.case.messages.ros_messages import TF_MESSAGE
 from app.fixture import FIXTURE_FRAME, Reason
 from app.geometry import MarginGuardError, Transform
+from app.geometry.frames import is_frame
 from app.session import (
     SILENT_NS,
     FrameSenders,
@@ -298,8 +299,8 @@ class SenderWatch:
             self._new_sender()
 
     def _follow(self, frames: FrameSenders, pose: PoseValues, origin: Origin) -> bool:
-        if max(map(len, pose.edge)) > MAX_NAME_CHARS:
-            return True  # refused by the session
+        if max(map(len, pose.edge)) > MAX_NAME_CHARS or not all(map(is_frame, pose.edge)):
+            return True  # refused by the session; must not fill the places of frames
         sample = Sample(pose.ns, _CONTENT.pack(*pose.translation_m, *pose.quaternion, pose.status))
         now_ns = time.monotonic_ns()
         if origin.sender is not None:

@@ -20,6 +20,7 @@ from app.bridge.tf_topics import tf_message
 from app.case.messages.message_values import JointValues, PoseValues
 from app.fixture import Reason
 from app.geometry import NS_PER_MS, Stamp, Transform
+from app.session.frame_senders import MAX_FRAMES
 from tests.bridge.nodes import ros_nodes
 from tests.waiting import DEADLINE_S, wait_until
 
@@ -93,6 +94,13 @@ def test_second_sender_of_a_measured_frame_is_a_fault_and_is_not_used(watched, e
         assert all(watched.pose(each, A, ns) for each in EDGES)
     assert "on /tf" in watched.until(bool)
     assert watched.senders.counts() == {"samples of a second sender": 1}
+
+
+def test_names_that_are_no_frames_do_not_hide_a_second_sender(watched):
+    for number in range(2 * MAX_FRAMES):
+        watched.pose(("tracker", f"no frame! {number}"), A, number)
+    assert all(watched.pose(each, A, 10_000) for each in EDGES)
+    assert not watched.pose(EDGES[0], B, 10_001, x_m=0.1)
 
 
 def test_second_sender_of_another_frame_and_copies_are_no_fault(watched):
