@@ -66,6 +66,11 @@ def test_jump_of_an_exact_tracker_at_rest_is_found_with_its_second_sample():
     assert run.add([JUMP]).found == [151]
 
 
+def test_noise_of_a_quiet_tracker_is_learned_and_leaves_the_limit():
+    run = Run().add(white(1, 0.25, 150))
+    assert run.add([0.8 * JUMP] * 2).found == [151]
+
+
 def test_one_wrong_sample_is_no_change():
     differences = np.zeros((500, 3))
     differences[200::50, 0] = 4.9
