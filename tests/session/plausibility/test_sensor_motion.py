@@ -183,6 +183,11 @@ def test_turn_from_rest_is_refused_at_once(rate_hz, angle_deg, axis):
     assert math.degrees(sensor.jump.off) == pytest.approx(angle_deg, abs=3.0)
 
 
+def test_turn_at_exactly_the_same_place_is_refused():
+    sensor, at_s = at_rest(50.0, 2.0, sigma_mm=0.0)
+    assert not sensor.update(pose((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), ns(at_s))
+
+
 def test_single_wrong_pose_is_not_used_and_the_old_place_needs_consistent_samples_again():
     sensor, at_s = at_rest(50.0, 2.0)
     assert not sensor.update(pose([100.0, 0.0, 0.0]), ns(at_s))
