@@ -60,10 +60,13 @@ test-fast: $(test)
 test-long: $(test)
 	@$(call pytest,long,2) $(PYTEST_ARGS)
 
-# Those of them that CI runs: start pages, reports and the shipped cases, one at a time on a busy machine ...
+# Those of them that CI runs: start pages, reports, shipped cases, analysis, simulation, holds, one at a time on a busy machine ...
 test-documents: $(test)
-	@$(python) -m pytest --tier long --junitxml out/tests/documents.xml tests/docs tests/report \
-	  tests/cli/test_whole_cases.py
+	@$(python) -m pytest --tier long --junitxml out/tests/documents.xml tests/docs tests/report tests/hold tests/igtl \
+	  $(addprefix tests/analysis/test_, specimen.py depth.py breach_probability.py) \
+	  $(addprefix tests/simulation/test_, commands.py dynamics.py kinematics.py loops.py shipped_world.py) \
+	  $(addprefix tests/session/, plausibility test_long_repetition.py) tests/runtime tests/cohort/test_case_run.py \
+	  $(addprefix tests/cli/, calibration test_gc_control.py test_whole_cases.py)
 
 # ... and pages, examples, pushes, and changes of structures in a live session.
 test-pages: $(test)
