@@ -19,6 +19,7 @@ import os
 import signal
 import socket
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -82,8 +83,9 @@ class Terminated(KeyboardInterrupt):
 def raise_signals() -> Iterator[None]:
     """Within the context SIGINT raises `KeyboardInterrupt` and SIGTERM `Terminated`.
 
-    Ignored signals stay ignored. During an import, which could lose an exception, a signal is
-    delayed. For the main thread only.
+    Ignored signals stay ignored. During an import, which could lose an exception, and while a
+    temporary folder is made, which nothing would remove, a signal is delayed. For the main thread
+    only.
     """
     usual = (signal.SIG_DFL, signal.default_int_handler)
     before = {n: handler for n in SIGNALS if (handler := signal.getsignal(n)) in usual}
@@ -127,9 +129,13 @@ def note_signals() -> Iterator[SignalState]:
         reader.close()
 
 
+_MAKES_FOLDER = tempfile.TemporaryDirectory.__init__.__code__
+
+
 def _raise(number: int, frame: FrameType | None) -> None:
     while frame is not None:
-        if frame.f_code.co_filename == "<frozen importlib._bootstrap>":
+        code = frame.f_code
+        if code is _MAKES_FOLDER or code.co_filename == "<frozen importlib._bootstrap>":
             again = threading.Timer(_LATER_S, os.kill, (os.getpid(), number))
             again.daemon = True
             again.start()

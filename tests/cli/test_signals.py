@@ -49,6 +49,35 @@ def test_signal_ends_publisher_cleanly_with_messages_in_flight(domain_id):
         assert process.wait() == 128 + signal.SIGTERM
 
 
+WHILE_A_FOLDER_IS_MADE = """
+import os
+import signal
+import tempfile
+import time
+from pathlib import Path
+from app.cli.process import raise_signals
+from app.files.atomic_io import atomic_file
+
+def interrupted(*arguments, make=tempfile.mkdtemp):
+    path = make(*arguments)
+    os.kill(os.getpid(), signal.SIGINT)
+    return path
+
+tempfile.mkdtemp = interrupted
+try:
+    with raise_signals(), atomic_file(Path("new")) as partial:
+        print(partial.parent.is_dir())
+        time.sleep(60.0)
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+
+
+def test_signal_while_a_temporary_folder_is_made_leaves_none(tmp_path):
+    done = run_forked("-c", WHILE_A_FOLDER_IS_MADE, folder=tmp_path)
+    assert (done.stdout, [*tmp_path.iterdir()]) == ("True\ninterrupted\n", []), done.stderr
+
+
 INTERRUPTED = """
 import os
 import signal
