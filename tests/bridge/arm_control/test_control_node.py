@@ -17,6 +17,7 @@ from std_srvs.srv import Trigger
 
 from app.bridge import RosNode
 from app.bridge.arm_control import ControlNode
+from app.bridge.messages import ns_of
 from app.bridge.topics import NEWEST, STREAM, Topic
 from app.cli.main import main
 from app.control import CONTROL, open_control
@@ -37,6 +38,7 @@ MEASURED = Topic("/arm/measured_js", JointState, STREAM)
 WRENCH = Topic("/arm/body/measured_cf", WrenchStamped, STREAM)
 TRACKED = Topic("/tracked_transforms", TrackedTransform, STREAM)
 CONSTRAINT = Topic("/marginguard/constraint", FixtureConstraint, NEWEST)
+SENT = (MEASURED, WRENCH, TRACKED, CONSTRAINT)
 
 
 class Peer:
@@ -45,9 +47,7 @@ class Peer:
     def __init__(self, ros, joints, clock_ns):
         self.ros, self.joints, self.positions, self._clock_ns = ros, joints, POSITIONS, clock_ns
         self.commands = []
-        self._measured, self._wrench, self._tracked, self._constraint = map(
-            ros.publisher, (MEASURED, WRENCH, TRACKED, CONSTRAINT)
-        )
+        self._measured, self._wrench, self._tracked, self._constraint = map(ros.publisher, SENT)
         ros.subscribe(Topic("/arm/servo_jv", JointState, STREAM), self.commands.append)
         self.seq = 0
         self.instance = "guard"
@@ -114,20 +114,19 @@ class Controlled:
         self.peer = Peer(peer_ros, JOINTS, self.clock_ns)
         self.node = ControlNode(ros, description, clock_ns=self.clock_ns)
         self._arrived_ns = {}
-        for topic in (MEASURED, WRENCH, TRACKED, CONSTRAINT):
+        for topic in SENT:
             ros.subscribe(topic, partial(self._note, topic))
 
     def clock_ns(self):
         return self._now_ns
 
     def _note(self, topic, message):
-        sent = message.header.stamp
-        self._arrived_ns[topic] = sent.sec * NS_PER_S + sent.nanosec
+        self._arrived_ns[topic] = ns_of(message.header.stamp)
 
     def step(self, **sent):
         self._now_ns += NS_PER_MS
         self.peer.send(**sent)
-        expected = (MEASURED, WRENCH, TRACKED, CONSTRAINT)[: 3 + sent.get("constraint", True)]
+        expected = [each for each in SENT if each is not CONSTRAINT or sent.get("constraint", True)]
         wait_until(
             lambda: all(self._arrived_ns.get(topic) == self._now_ns for topic in expected),
             meanwhile=partial(self.peer.send, **sent),  # what comes before the discovery is lost
