@@ -20,6 +20,7 @@ Every input but the constraint has to have a single sender; the rule judges that
 
 import threading
 import time
+from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator
 
@@ -34,7 +35,13 @@ from app.bridge import topics
 from app.bridge.arm_inputs import BasePose, ConstraintInput, JointInput, WrenchInput
 from app.bridge.calls.service_server import trigger_server
 from app.bridge.convert.plain import message_type
-from app.bridge.messages import diagnostic_status, header_message, metres, vector_message
+from app.bridge.messages import (
+    diagnostic_status,
+    header_message,
+    metres,
+    time_message,
+    vector_message,
+)
 from app.bridge.node import RosNode
 from app.bridge.ros_errors import BridgeError, CallError, UnknownTypeError
 from app.bridge.topics import NEWEST, Topic
@@ -52,7 +59,7 @@ from app.control import (
     half_axis,
 )
 from app.fixture import MarginState, PlainConstraint
-from app.geometry import NS_PER_MS, NS_PER_S, Stamp, Transform
+from app.geometry import NS_PER_MS, NS_PER_S, FloatArray, Stamp, Transform
 
 PAUSE_PERIOD_NS = 100 * NS_PER_MS
 
@@ -156,6 +163,7 @@ class ControlNode:
         self._base = BasePose(ros, description.tracker_topic, description.frame_from_base)
         self._constraints = ConstraintInput(ros, description.constraint_topic)
         self._command: Publisher | None = None
+        self._message = JointState(name=list(description.tool.joints))
         self._impedance: ImpedanceOutput | None = None
         if description.impedance is None:
             self._command = ros.publisher(Topic(f"{description.arm}/servo_jv", JointState, NEWEST))
@@ -186,8 +194,7 @@ class ControlNode:
                     break
                 self.step()
         finally:
-            joints = self._description.tool.joints
-            self._send(joints, [0.0] * len(joints), self._clock_ns())
+            self._send(np.zeros(len(self._description.tool.joints)), self._clock_ns())
             if self._impedance is not None:
                 self._impedance.pause(self._clock_ns(), at_once=True)
 
@@ -210,7 +217,7 @@ class ControlNode:
                 wrench = WrenchMeasurement(now_ns, np.zeros(3), np.zeros(3))
             decision = self._controller.step(joints, wrench, pose, now_ns)
             self.watchdog_stops += self._controller.latched and not was_latched
-            self._send(decision.joints, decision.velocities.tolist(), now_ns)
+            self._send(decision.velocities, now_ns)
             if self._impedance is not None:
                 self._send_impedance(self._impedance, decision, joints, pose, now_ns)
             follows = ControlReason.FOLLOWS
@@ -244,14 +251,12 @@ class ControlNode:
         axis = half_axis(self._newest, pose.rule_from_base, base_from_tip.translation_mm)
         output.publish(axis, now_ns)
 
-    def _send(self, joints: tuple[str, ...], velocities: list[float], now_ns: int) -> None:
+    def _send(self, velocities: FloatArray, now_ns: int) -> None:
         if self._command is None:
             return
-        self._command.publish(
-            JointState(
-                header=header_message("", Stamp(now_ns)), name=list(joints), velocity=velocities
-            )
-        )
+        self._message.header.stamp = time_message(Stamp(now_ns))
+        self._message.velocity = array("d", velocities.tobytes())
+        self._command.publish(self._message)
 
     def _rearm(self) -> None:
         """End the latched stop, at the request of the controller's operator."""

@@ -3,6 +3,9 @@
 import threading
 import time
 from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,15 +15,15 @@ from marginguard_msgs.msg import TrackedTransform as TrackedTransformMessage
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
-from app.bridge.constraint_message import plain_constraint
+from app.bridge.constraint_message import plain_constraint, split_at_seq
 from app.bridge.message_origin import Origin
 from app.bridge.messages import ns_of, placed
 from app.bridge.node import RosNode
 from app.bridge.ros_errors import BridgeError
 from app.bridge.sender_names import MAX_BYTES, SingleSender
-from app.bridge.topics import INCOMING, NEWEST, Topic
+from app.bridge.topics import INCOMING, POLLED, Topic
 from app.case import message_decoder
-from app.case.messages.ros_messages import TRACKED_TRANSFORM
+from app.case.messages.ros_messages import JOINT_STATE, TRACKED_TRANSFORM
 from app.control import JointMeasurement, PoseMeasurement, WrenchMeasurement
 from app.fixture import PlainConstraint
 from app.geometry import (
@@ -37,18 +40,22 @@ _MAX_SENDERS = 8
 
 
 class NewestMessage:
-    """The newest message of the topic ``name`` of one sender. Thread-safe.
+    """The newest message of the topic ``name`` of one sender, taken when it is asked for.
 
-    Messages are deserialised when they are used, because only the newest one matters.
+    Thread-safe. Only the newest message is deserialised.
     """
 
-    def __init__(self, ros: RosNode, name: str, kind: type) -> None:
-        self._kind, self._lock = kind, threading.Lock()
+    def __init__(
+        self, ros: RosNode, name: str, kind: type, read: Callable[[bytes], Any] | None = None
+    ) -> None:
+        """``read(data)`` gives the message, by default as rclpy does."""
+        self._read = read or partial(deserialize_message, message_type=kind)
+        self._lock = threading.Lock()
         self._data: bytes | None = None
         self._message: Any = None
         self.refused = 0
         """Number of messages that could not be read."""
-        self._sender = SingleSender(ros, Topic(name, kind, INCOMING), self._take)
+        self._sender = SingleSender(ros, Topic(name, kind, INCOMING), self._take, polled=True)
 
     def problem(self) -> str:
         """The problem that forbids the use of the messages; empty without one."""
@@ -56,13 +63,14 @@ class NewestMessage:
 
     def message(self) -> Any:
         """The newest message; None before the first, after an invalid one and for two senders."""
+        self._sender.poll()
         if self.problem():
             return None
         with self._lock:
             data, self._data = self._data, None
         if data is not None:
             try:
-                self._message = deserialize_message(data, self._kind)
+                self._message = self._read(data)
             except Exception:  # rclpy raises several unrelated types for invalid bytes
                 self._message = None
                 self.refused += 1
@@ -77,16 +85,12 @@ class JointInput(NewestMessage):
     """Joints of ``arm``."""
 
     def __init__(self, ros: RosNode, arm: str) -> None:
-        super().__init__(ros, f"{arm}/measured_js", JointState)
+        super().__init__(ros, f"{arm}/measured_js", JointState, message_decoder(JOINT_STATE))
 
     def measurement(self) -> JointMeasurement | None:
         """The newest joint positions, with the stamp of their message."""
-        message = self.message()
-        if message is None:
-            return None
-        return JointMeasurement(
-            ns_of(message.header.stamp), tuple(message.name), tuple(message.position)
-        )
+        found = self.message()
+        return None if found is None else JointMeasurement(found.ns, found.names, found.positions)
 
 
 def read_joints(arm: str) -> dict[str, float]:
@@ -169,7 +173,7 @@ class BasePose:
         self.refused = 0
         """Number of messages that could not be read."""
         self._sender = SingleSender(
-            ros, Topic(topic, TrackedTransformMessage, INCOMING), self._take
+            ros, Topic(topic, TrackedTransformMessage, INCOMING), self._take, polled=True
         )
 
     def use(self, setup: Setup | None) -> None:
@@ -192,6 +196,7 @@ class BasePose:
         None before the first samples, if the newest one is lost, while two nodes send poses, and
         without poses of the guard.
         """
+        self._sender.poll()
         if self.problem():
             return None
         with self._lock:
@@ -235,31 +240,53 @@ def _transform(message: TransformStamped) -> Transform:
     return placed(edge.translation, edge.rotation, message.header.frame_id, message.child_frame_id)
 
 
+class _Read(NamedTuple):
+    """The last constraint that was read, with its bytes ``around`` the seq."""
+
+    around: tuple[bytes, bytes]
+    constraint: PlainConstraint
+    setup: Setup | None
+
+
 class ConstraintInput:
     """Receives the topic ``name``. A second guard is not filtered: the rule has to see it."""
 
     def __init__(self, ros: RosNode, name: str) -> None:
         self._lock = threading.Lock()
         self._waiting: OrderedDict[bytes | None, bytes] = OrderedDict()
+        self._last: _Read | None = None
         self.refused = 0
         """Number of messages that could not be read."""
-        ros.subscribe_with_origin(Topic(name, FixtureConstraint, NEWEST), self._take)
+        topic = Topic(name, FixtureConstraint, POLLED)
+        self._ros = ros
+        self._subscription = ros.subscribe_with_origin(topic, self._take, polled=True)
 
     def arrived(self) -> list[tuple[PlainConstraint, Setup | None]]:
         """The newest constraint of each sender that has sent since the last call, with its poses.
 
         The poses are None if they are not valid.
         """
+        self._ros.poll(self._subscription)
         with self._lock:
             waiting, self._waiting = self._waiting, OrderedDict()
         found = []
         for data in waiting.values():
             try:
-                message = deserialize_message(data, FixtureConstraint)
-                found.append((plain_constraint(message), setup_of(message)))
+                found.append(self._read(data))
             except Exception:  # rclpy raises several unrelated types for invalid bytes
                 self.refused += 1
         return found
+
+    def _read(self, data: bytes) -> tuple[PlainConstraint, Setup | None]:
+        """The values of ``data``. A guard repeats its constraint with another seq."""
+        before, seq, after = split_at_seq(data)
+        last = self._last
+        if last is not None and last.around == (before, after):
+            return replace(last.constraint, seq=seq), last.setup
+        message = deserialize_message(data, FixtureConstraint)
+        constraint, setup = plain_constraint(message), setup_of(message)
+        self._last = _Read((before, after), constraint, setup)
+        return constraint, setup
 
     def _take(self, data: bytes, origin: Origin) -> None:
         if len(data) > MAX_BYTES:

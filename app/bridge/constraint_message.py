@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import Self
+from typing import Literal, Self
 
 import numpy as np
 from geometry_msgs.msg import TransformStamped
@@ -166,6 +166,18 @@ def _half_space(
 
 def _metres(value_mm: float) -> float:
     return float(value_mm) / MM_PER_M
+
+
+def split_at_seq(raw: bytes) -> tuple[bytes, int, bytes]:
+    """The ``seq`` of a serialised constraint, with the bytes before and after it.
+
+    CDR: 4 bytes of encapsulation, stamp (2 x 4 bytes), string length (4), string with its zero, seq
+    aligned to 8. Bytes that are no constraint give any parts.
+    """
+    order: Literal["little", "big"] = "little" if raw[1] & 1 else "big"
+    text_bytes = int.from_bytes(raw[12:16], order)
+    begin = 4 + -(-(12 + text_bytes) // 8) * 8
+    return raw[:begin], int.from_bytes(raw[begin : begin + 8], order), raw[begin + 8 :]
 
 
 def plain_constraint(message: FixtureConstraint) -> PlainConstraint:

@@ -8,6 +8,7 @@ the rcl library that rclpy has loaded. The identifier is that of
 
 import ctypes
 import os
+import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -22,6 +23,13 @@ _TAKE_FAILED = 401
 
 _GID_BYTES = 16
 """``RMW_GID_STORAGE_SIZE`` since ROS 2 Iron."""
+
+_INFO = struct.Struct(f"@qqQQP{_GID_BYTES}s")
+"""``rmw_message_info_t`` of ROS 2 Jazzy: time of the source and of the receipt, number of the
+publication and of the reception, address of the middleware's name, identifier of the publisher."""
+
+_INFO_BYTES = 512
+"""Room for a longer one."""
 
 _MAX_KEPT_BYTES = 1 << 20
 """A larger buffer of a subscription is released after its message."""
@@ -72,20 +80,6 @@ class _Gid(ctypes.Structure):
         ("implementation", ctypes.c_void_p),
         ("data", ctypes.c_uint8 * _GID_BYTES),
         ("rest", ctypes.c_uint8 * 64),
-    )
-
-
-class _Info(ctypes.Structure):
-    """``rmw_message_info_t`` of ROS 2 Jazzy, with room for a longer one."""
-
-    _fields_ = (
-        ("source_timestamp", ctypes.c_int64),
-        ("received_timestamp", ctypes.c_int64),
-        ("publication_sequence_number", ctypes.c_uint64),
-        ("reception_sequence_number", ctypes.c_uint64),
-        ("implementation", ctypes.c_void_p),
-        ("gid", ctypes.c_uint8 * _GID_BYTES),
-        ("rest", ctypes.c_uint8 * 256),
     )
 
 
@@ -160,15 +154,14 @@ class MessageTaker:
 
     def __init__(self, rcl: Rcl) -> None:
         self._rcl = rcl
-        self._info = _Info()
+        self._info = ctypes.create_string_buffer(_INFO_BYTES)
         self._bytes = _Bytes()
+        self._places = (ctypes.byref(self._bytes), ctypes.byref(self._info), None)
         self._init_bytes()
 
     def take(self, subscription: int) -> tuple[bytes, Origin] | None:
         """The next message of the ``rcl_subscription_t`` at this address; None without one."""
-        result = self._rcl.take(
-            subscription, ctypes.byref(self._bytes), ctypes.byref(self._info), None
-        )
+        result = self._rcl.take(subscription, *self._places)
         if result != 0:
             self._rcl.reset_error()
             if result == _TAKE_FAILED:
@@ -178,14 +171,10 @@ class MessageTaker:
         if self._bytes.capacity > _MAX_KEPT_BYTES:
             self._rcl.free_bytes(ctypes.byref(self._bytes))
             self._init_bytes()
+        published_ns, received_ns, number, _, name, gid = _INFO.unpack_from(self._info)
         # The address of the middleware's name shows that the structure is the expected one.
-        is_known = self._info.implementation == self._rcl.implementation
-        return data, Origin(
-            bytes(self._info.gid) if is_known else None,
-            _sequence(self._info.publication_sequence_number),
-            self._info.source_timestamp,
-            self._info.received_timestamp,
-        )
+        sender = gid if name == self._rcl.implementation else None
+        return data, Origin(sender, _sequence(number), published_ns, received_ns)
 
     def _init_bytes(self) -> None:
         allocator = self._rcl.default_allocator()

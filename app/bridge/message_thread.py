@@ -45,8 +45,8 @@ class _Source(NamedTuple):
 class MessageThread:
     """One callback at a time holds ``turn``, of this thread and of the node's executor.
 
-    ``failed()`` is called while an exception of a callback is handled. Without the functions of rcl
-    it delivers nothing, and the executor does.
+    Those of `poll` do not. ``failed()`` is called while an exception of a callback is handled.
+    Without the functions of rcl it delivers nothing, and the executor does.
     """
 
     def __init__(self, name: str, turn: threading.RLock, failed: Callable[[], None]) -> None:
@@ -54,6 +54,8 @@ class MessageThread:
         self._rcl = message_origin.loaded_rcl()
         self._sources: dict[int, _Source] = {}
         self._descriptors: dict[Subscription, list[int]] = {}
+        self._polled: dict[Subscription, Callable[[], None]] = {}
+        self._polling = threading.Lock()
         self._handlers: set[EventHandler] = set()
         self._ready = select.epoll()
         self._end = self._descriptor()
@@ -73,15 +75,23 @@ class MessageThread:
             return isinstance(entity.callback, Receiver)
         return entity in self._handlers
 
-    def add(self, subscription: Subscription) -> None:
-        """Deliver what comes for ``subscription``, whose callback is a `Receiver`."""
+    def add(self, subscription: Subscription, *, polled: bool = False) -> None:
+        """Deliver what comes for ``subscription``, whose callback is a `Receiver`.
+
+        With ``polled`` only its events; `poll` delivers its messages.
+        """
         rcl = self._rcl
         if rcl is None:
             return
         with self._turn:
             taker = MessageTaker(rcl)
             deliver = partial(self._deliver, subscription, taker)
-            self._watch(subscription, _Source(subscription.handle, rcl.call_on_message, deliver))
+            self._descriptors[subscription] = []
+            if polled:
+                self._polled[subscription] = deliver
+            else:
+                source = _Source(subscription.handle, rcl.call_on_message, deliver)
+                self._watch(subscription, source)
             handlers: Any = subscription.event_handlers  # rclpy annotates it as one
             for handler in handlers:
                 event, tell = handler._EventHandler__event, partial(_tell, handler)
@@ -89,9 +99,21 @@ class MessageThread:
                     self._watch(subscription, _Source(event, rcl.call_on_event, tell))
                     self._handlers.add(handler)
 
+    def poll(self, subscription: Subscription) -> None:
+        """Deliver in this thread what has come for ``subscription``, which was added as polled.
+
+        Waits for no callback of the node: the caller may hold a lock that one waits for.
+        """
+        with self._polling:
+            deliver = self._polled.get(subscription)
+            if deliver is not None:
+                deliver()
+
     def remove(self, subscription: Subscription) -> None:
         """Deliver no more of ``subscription``; nothing for one that was not added."""
         with self._turn:
+            with self._polling:
+                self._polled.pop(subscription, None)
             for descriptor in self._descriptors.pop(subscription, ()):
                 source = self._sources.pop(descriptor)
                 with suppress(InvalidHandle), source.handle:
@@ -115,7 +137,7 @@ class MessageThread:
     def _watch(self, subscription: Subscription, source: _Source) -> None:
         descriptor = self._descriptor()
         self._sources[descriptor] = source
-        self._descriptors.setdefault(subscription, []).append(descriptor)
+        self._descriptors[subscription].append(descriptor)
         with source.handle:  # also what waits already writes to the descriptor
             source.call_on_news(source.handle.pointer, _WRITE, descriptor)
 
@@ -148,7 +170,7 @@ class MessageThread:
         with subscription.handle:
             take = partial(taker.take, subscription.handle.pointer)
             taken: list[tuple[bytes, Origin]] = list(islice(iter(take, None), _MAX_TAKEN))
-        if len(taken) == _MAX_TAKEN:
+        if len(taken) == _MAX_TAKEN and subscription not in self._polled:
             os.eventfd_write(self._descriptors[subscription][0], 1)  # the rest in the next turn
         for data, origin in taken:
             if subscription not in self._descriptors:  # removed by its own callback

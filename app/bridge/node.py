@@ -61,12 +61,12 @@ class RosNode:
 
     Uses no global state: no ``rclpy.init``, no signal handlers, no default context. One process
     can have several nodes in different domains. One thread serves parameters, services, timers and
-    discovery events, another one messages; one callback at a time runs. Any thread may publish. An
-    exception in a callback is logged and counted in `failures`; the other callbacks continue.
-    Endpoints with incompatible quality of service are logged and listed in `incompatible`.
-    Parameters declared by ROS itself (``use_sim_time``) become read-only, so that other nodes
-    cannot stop the clock of this node.
-    An open node is closed at the end of the program.
+    discovery events, another one messages; one callback at a time runs, but for those of `poll`,
+    which run in the thread that calls it. Any thread may publish. An exception in a callback is
+    logged and counted in `failures`; the other callbacks continue. Endpoints with incompatible
+    quality of service are logged and listed in `incompatible`. Parameters declared by ROS itself
+    (``use_sim_time``) become read-only, so that other nodes cannot stop the clock of this node. An
+    open node is closed at the end of the program.
 
     Raises `SecurityError` if ROS security is asked for and not available, and `BridgeError` if the
     node cannot start, or if it would be visible to other machines
@@ -178,8 +178,14 @@ class RosNode:
             topic, lambda data, _: callback(deserialize_message(data, topic.type))
         )
 
-    def subscribe_with_origin(self, topic: Topic, callback: ReceiveFrom) -> Subscription:
-        """Subscribe with ``raw``; ``callback(data, origin)`` also receives the origin."""
+    def subscribe_with_origin(
+        self, topic: Topic, callback: ReceiveFrom, *, polled: bool = False
+    ) -> Subscription:
+        """Subscribe with ``raw``; ``callback(data, origin)`` also receives the origin.
+
+        With ``polled`` it is called by `poll` alone, so that no message wakes a thread: for a loop
+        that is slower than its messages. ``topic.qos`` has to keep those of one round.
+        """
         created: list[Subscription] = []  # empty while a callback may already be called
         watched: list[DefinitionWatch] = []
         if expected_digest(topic.type) is not None:
@@ -204,8 +210,15 @@ class RosNode:
         created.append(subscription)
         for watch in watched:
             self._watches[subscription] = watch
-        self._messages.add(subscription)
+        self._messages.add(subscription, polled=polled)
         return subscription
+
+    def poll(self, subscription: Subscription) -> None:
+        """Call the callback of a polled subscription, in this thread, for what has come.
+
+        Without the functions of rcl (`app.bridge.message_origin`) the node's thread has called it.
+        """
+        self._messages.poll(subscription)
 
     def every(self, period_s: float, callback: Callable[[], None]) -> Timer:
         """Call ``callback()`` in the node's thread every ``period_s`` of a steady clock."""

@@ -105,7 +105,7 @@ class SingleSender:
     """Receives ``topic`` and calls ``receive(data)`` in the node's thread for its one sender.
 
     While two publishers send nothing is received, unless ``in_conflict``, and `problem` names them.
-    Thread-safe.
+    With ``polled`` it receives in `poll`. Thread-safe.
     """
 
     def __init__(
@@ -115,13 +115,18 @@ class SingleSender:
         receive: Callable[[bytes], None],
         *,
         in_conflict: bool = False,
+        polled: bool = False,
     ) -> None:
-        self._in_conflict = in_conflict
+        self._in_conflict, self._ros = in_conflict, ros
         self._node, self._name, self._receive = ros.node, topic.name, receive
         self._trail, self._lock = SenderTrail(), threading.Lock()
         self._checked_ns: int | None = None
         self._problem = ""
-        ros.subscribe_with_origin(topic, self._take)
+        self._subscription = ros.subscribe_with_origin(topic, self._take, polled=polled)
+
+    def poll(self) -> None:
+        """Receive in this thread what has come."""
+        self._ros.poll(self._subscription)
 
     def problem(self) -> str:
         """The problem that forbids the use of the messages; empty without one."""

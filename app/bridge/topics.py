@@ -20,6 +20,8 @@ Profiles of subscriptions:
   middleware reserves memory for as many messages of the largest size received, so the depth
   bounds it.
 * ``DISPLAYED``: best effort, depth 100: a display that stalls does not delay the guard.
+* ``POLLED``: reliable, depth 20, for a controller that takes the constraints of 1 kHz at its steps:
+  those of a second guard, too, because the depth is that of all publishers together.
 * ``INCOMING_IMAGE``: best effort, depth 1: only the newest image is shown.
 * ``INCOMING_TF``: as tf2, with depth 20. Reliable, because an edge that is sent once must arrive.
 * ``STATIC_TF``: transient local with depth 20, to receive the latched message of every static
@@ -62,6 +64,7 @@ STREAM = _reliable(100, DurabilityPolicy.VOLATILE)
 NEWEST = _reliable(1, DurabilityPolicy.VOLATILE)
 LATCHED = _reliable(1, DurabilityPolicy.TRANSIENT_LOCAL)
 INCOMING = _best_effort(20)
+POLLED = _reliable(20, DurabilityPolicy.VOLATILE)
 DISPLAYED = _best_effort(100)
 INCOMING_IMAGE = _best_effort(1)
 INCOMING_TF = _reliable(20, DurabilityPolicy.VOLATILE)

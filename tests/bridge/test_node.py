@@ -6,13 +6,15 @@ from contextlib import nullcontext
 
 import pytest
 import rclpy
+from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 
 from app.bridge.environment import fast_dds, fast_dds_participant
 from app.bridge.node import RosNode
 from app.bridge.ros_errors import BridgeError
 from app.bridge.topics import LATCHED, STREAM, Topic
-from tests.waiting import DEADLINE_S
+from tests.bridge.nodes import ros_nodes
+from tests.waiting import DEADLINE_S, wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -73,6 +75,39 @@ def test_timer_that_is_due_is_cancelled_by_another_thread(domain_id):
             assert cancelled.acquire(timeout=DEADLINE_S)
         ros.call(lambda: None)
         assert ros.failures == 0
+
+
+def test_polled_messages_are_delivered_by_the_polling_thread_alone(domain_id):
+    words = Topic("/words", String, STREAM)
+    found, seen, busy, go_on = [], threading.Event(), threading.Event(), threading.Event()
+
+    def take(data, _):
+        found.append((deserialize_message(data, String).data, threading.current_thread()))
+
+    def block():
+        busy.set()
+        assert go_on.wait(DEADLINE_S)
+
+    with ros_nodes(domain_id, "receiver", "sender") as (ros, sender):
+        polled = ros.subscribe_with_origin(words, take, polled=True)
+        publisher = sender.publisher(words)
+        assert sender.wait_for_subscribers(words, 1, DEADLINE_S)
+        ros.poll(polled)
+        assert found == []
+        # Delivered by the node's thread, to a reader that was created after the polled one.
+        ros.subscribe(words, lambda each: seen.set() if each.data == "2" else None)
+        assert sender.wait_for_subscribers(words, 2, DEADLINE_S)
+        for number in range(3):
+            publisher.publish(String(data=str(number)))
+        assert seen.wait(DEADLINE_S)
+        ros.call_soon(block)  # a callback that waits for the thread that polls
+        assert busy.wait(DEADLINE_S)
+        assert found == []
+        wait_until(lambda: ros.poll(polled) or len(found) == 3)
+        go_on.set()
+        ros.call(lambda: ros.destroy_subscription(polled))
+        ros.poll(polled)
+    assert found == [(str(number), threading.current_thread()) for number in range(3)]
 
 
 def test_wait_for_subscribers_times_out(domain_id):

@@ -13,6 +13,7 @@ from builtin_interfaces.msg import Time
 from marginguard_msgs.msg import FixtureConstraint, HalfSpace, StructureState
 from rclpy.serialization import serialize_message
 
+from app.bridge.constraint_message import split_at_seq
 from app.bridge.heartbeat import Heartbeat
 from app.bridge.messages import time_message
 from app.bridge.ros_errors import BridgeError
@@ -22,8 +23,6 @@ from app.hold import HoldIdentity, NextHold, RandomBits, RearmRefusedError, Seen
 from app.runtime import SWITCH_INTERVAL_S
 
 _SEQ_MARK = 0x0123456789ABCDEF
-_SEQ_MARK_BYTES = _SEQ_MARK.to_bytes(8, sys.byteorder)
-_CDR_HEADER_BYTES = 4
 
 
 class RawPublisher(Protocol):
@@ -43,13 +42,10 @@ class RawConstraint(NamedTuple):
     def of(cls, message: FixtureConstraint) -> "RawConstraint":
         """Serialise ``message``, overwriting its ``seq``; raises `BridgeError`."""
         message.seq = _SEQ_MARK
-        raw = serialize_message(message)
-        # CDR: stamp (2 x 4 bytes), string length (4), string with its zero, seq aligned to 8.
-        text_bytes = len(message.header.frame_id.encode()) + 1
-        offset = _CDR_HEADER_BYTES + -(-(12 + text_bytes) // 8) * 8
-        if raw[offset : offset + 8] != _SEQ_MARK_BYTES:
-            raise BridgeError(f"serialised FixtureConstraint: expected seq at byte {offset}")
-        return cls(raw[:offset], raw[offset + 8 :])
+        before, seq, after = split_at_seq(serialize_message(message))
+        if seq != _SEQ_MARK:
+            raise BridgeError(f"serialised FixtureConstraint: expected seq at byte {len(before)}")
+        return cls(before, after)
 
     def numbered(self, seq: int) -> bytes:
         """Bytes of the message with this ``seq``."""
