@@ -27,6 +27,8 @@ class Robot:
     warnings: tuple[str, ...] = ()
     links_without_collision: tuple[str, ...] = ()
     closures: tuple[LoopClosure, ...] = ()
+    actuated_joint_names: tuple[str, ...] = field(init=False, repr=False)
+    """The joints that are not fixed and follow no other joint, in file order."""
     _tree: KinematicTree = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -37,6 +39,9 @@ class Robot:
             else KinematicTree(names, self.joints)
         )
         object.__setattr__(self, "_tree", tree)
+        free = [joint.name for joint in self.joints if joint.moves and joint.mimic is None]
+        actuated = tuple(name for name in free if name not in tree.dependent)
+        object.__setattr__(self, "actuated_joint_names", actuated)
 
     @property
     def root_link(self) -> str:
@@ -47,15 +52,6 @@ class Robot:
     def tree(self) -> KinematicTree:
         """The links and joints in their order from the root, for compiled code."""
         return self._tree
-
-    @property
-    def actuated_joint_names(self) -> tuple[str, ...]:
-        """The joints that are not fixed and follow no other joint, in file order."""
-        return tuple(
-            joint.name
-            for joint in self.joints
-            if joint.moves and joint.mimic is None and joint.name not in self._tree.dependent
-        )
 
     @property
     def dependent_joint_names(self) -> tuple[str, ...]:
@@ -93,7 +89,8 @@ class Robot:
         loops follow. Raises `JointError` as `forward_kinematics`, and for an unknown link.
         """
         tree = self._tree
-        tree.path_to(link)
+        if link not in tree.link_rows:
+            tree.path_to(link)
         matrices = tree.link_matrices(tree.complete_positions(positions))
         jacobian = tree.jacobian(link, self.actuated_joint_names, matrices)
         return LinkPoses(self.root_link, tree.link_rows, matrices)[link], jacobian
