@@ -62,11 +62,9 @@ class HandAdmittance:
     def twist(self, force_n: FloatArray, torque_n_m: FloatArray, now_ns: int) -> FloatArray:
         """The desired twist (6,) at ``now_ns``: mm/s, then rad/s, in the axes of the wrench."""
         gains = self._gains
-        goal = np.concatenate(
-            [
-                gains.linear_mm_s_n * _above(force_n, gains.dead_n),
-                gains.angular_rad_s_nm * _above(torque_n_m, gains.dead_n_m),
-            ]
+        goal = np.array(
+            _above(force_n, gains.dead_n, gains.linear_mm_s_n)
+            + _above(torque_n_m, gains.dead_n_m, gains.angular_rad_s_nm)
         )
         if self._last_ns is None or now_ns < self._last_ns:
             self._twist = np.zeros(6)
@@ -78,10 +76,12 @@ class HandAdmittance:
         return self._twist.copy()
 
 
-def _above(vector: FloatArray, dead: float) -> FloatArray:
-    """``vector`` (3,) shortened by ``dead``, 0 where it is not longer."""
-    length = math.hypot(*np.asarray(vector, dtype=np.float64).tolist())
-    return np.asarray(vector) * (max(length - dead, 0.0) / length if length > 0.0 else 0.0)
+def _above(vector: FloatArray, dead: float, gain: float) -> list[float]:
+    """``gain`` times ``vector`` (3,) shortened by ``dead``, 0 where it is not longer."""
+    values = np.asarray(vector, dtype=np.float64).tolist()
+    length = math.hypot(*values)
+    share = gain * max(length - dead, 0.0) / length if length > 0.0 else 0.0
+    return [share * value for value in values]
 
 
 # The arm (dVRK: ``servo_ci``) pulls its tip back where it is beyond the plane, with ``K`` times

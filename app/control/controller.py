@@ -8,6 +8,7 @@ damped near singularities. Whatever is missing, late or not finite means no moti
 import math
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cache
 
 import numpy as np
 
@@ -88,8 +89,8 @@ class ToolKinematics:
         """
         named = dict(zip(self.joints, positions.tolist(), strict=True))
         base_from_link, jacobian = self.robot.jacobian(self._link, named)
-        lever = base_from_link.rotate(self.link_from_tip.translation_mm)
-        jacobian[:3] += np.cross(jacobian[3:].T, lever).T
+        x, y, z = base_from_link.rotate(self.link_from_tip.translation_mm).tolist()
+        jacobian[:3] += np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]) @ jacobian[3:]
         return base_from_link @ self.link_from_tip, jacobian
 
     def limits(self, max_speed: float | None = None) -> JointLimits:
@@ -270,7 +271,7 @@ class CooperativeController:
     def _is_usable(self, wrench: WrenchMeasurement, now_ns: int) -> bool:
         values = (np.asarray(wrench.force_n), np.asarray(wrench.torque_n_m))
         return is_fresh(wrench.stamp_ns, self.parameters.max_wrench_age_ns, now_ns) and all(
-            each.shape == (3,) and bool(np.isfinite(each).all()) for each in values
+            each.shape == (3,) and all(map(math.isfinite, each.tolist())) for each in values
         )
 
     def _still(self, reason: ControlReason, rule: RuleReason | None = None) -> ControlDecision:
@@ -292,17 +293,20 @@ def positions_of(
     if not is_fresh(measured.stamp_ns, max_age_ns, now_ns):
         return None
     named = dict(zip(measured.names, measured.positions, strict=True))
-    if len(named) != len(measured.names) or any(name not in named for name in joints):
+    if len(named) != len(measured.names):
         return None
-    found = np.array([named[name] for name in joints], dtype=np.float64)
-    return found if bool(np.isfinite(found).all()) else None
+    found = [named.get(name, math.nan) for name in joints]
+    return np.array(found, dtype=np.float64) if all(map(math.isfinite, found)) else None
 
 
 def is_fresh(stamp_ns: int, max_age_ns: int, now_ns: int) -> bool:
     """True for a measurement that is not too old; one from the future is an error of a clock."""
-    return freshness_of(stamp_ns, now_ns, FreshnessLimits(max_age_ns)) is Freshness.VALID
+    return freshness_of(stamp_ns, now_ns, _limits_of(max_age_ns)) is Freshness.VALID
+
+
+_limits_of = cache(FreshnessLimits)
 
 
 def turned(rotation: FloatArray, rows: FloatArray) -> FloatArray:
     """``rows`` (6, ...) of two stacked vectors in other axes."""
-    return np.concatenate([rotation @ rows[:3], rotation @ rows[3:]])
+    return np.asarray((rotation @ rows.reshape(2, 3, -1)).reshape(rows.shape))
