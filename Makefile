@@ -64,7 +64,7 @@ test-long: $(test)
 test-documents: $(test)
 	@$(python) -m pytest --tier long --junitxml out/tests/documents.xml tests/docs tests/report tests/hold tests/igtl \
 	  $(addprefix tests/analysis/test_, specimen.py depth.py breach_probability.py) \
-	  $(addprefix tests/simulation/test_, commands.py dynamics.py kinematics.py loops.py shipped_world.py) \
+	  $(addprefix tests/simulation/test_, commands.py dynamics.py guided_push.py kinematics.py loops.py shipped_world.py) \
 	  $(addprefix tests/session/, plausibility test_long_repetition.py) tests/runtime tests/cohort/test_case_run.py \
 	  $(addprefix tests/cli/, calibration test_gc_control.py test_whole_cases.py)
 

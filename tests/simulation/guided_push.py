@@ -23,7 +23,7 @@ from app.control import (
     WrenchMeasurement,
 )
 from app.files.paths import shipped
-from app.fixture import Constraint, FixtureRule, PlainConstraint, ProximityEngine
+from app.fixture import Constraint, FixtureRule, FreeMotion, PlainConstraint, ProximityEngine
 from app.geometry import NS_PER_MS, NS_PER_S, FloatArray, Stamp, Transform
 from app.simulation import (
     JointVelocityCommand,
@@ -93,7 +93,7 @@ class Guard:
     """The fixture's constraints as messages, late by `CONSTRAINT_DELAY_NS`."""
 
     def __init__(self, engine: ProximityEngine, enabled: bool) -> None:
-        self._fixture = Fixture(engine)
+        self._fixture = Fixture(engine, free_motion=True)
         self._enabled = enabled
         self._numbers = count(1)
         self._sent: list[PlainConstraint] = []
@@ -111,7 +111,8 @@ class Guard:
         planes = decision.constraint
         if not self._enabled:
             tip = tumor_from_tool.translation_mm
-            planes = Constraint("tumor", [[0, 0, 1]], [-FAR_MM], [tip], [[0, 0, 0]], hold=False)
+            plane = [[0, 0, 1]], [-FAR_MM], [tip], [[0, 0, 0]]
+            planes = Constraint("tumor", *plane, hold=False, free=FreeMotion(FAR_MM, FAR_MM))
         if planes is None:
             return
         self._sent.append(
