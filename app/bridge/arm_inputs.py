@@ -4,7 +4,6 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -282,7 +281,7 @@ class ConstraintInput:
         before, seq, after = split_at_seq(data)
         last = self._last
         if last is not None and last.around == (before, after):
-            return replace(last.constraint, seq=seq), last.setup
+            return last.constraint.repeated(seq), last.setup
         message = deserialize_message(data, FixtureConstraint)
         constraint, setup = plain_constraint(message), setup_of(message)
         self._last = _Read((before, after), constraint, setup)

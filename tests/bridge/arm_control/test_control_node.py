@@ -17,14 +17,17 @@ from std_srvs.srv import Trigger
 
 from app.bridge import RosNode
 from app.bridge.arm_control import ControlNode
+from app.bridge.arm_inputs import ConstraintInput
+from app.bridge.constraint_message import plain_constraint
 from app.bridge.messages import ns_of
 from app.bridge.topics import NEWEST, STREAM, Topic
 from app.cli.main import main
 from app.control import CONTROL, open_control
 from app.files import schema_text
+from app.fixture import PlainConstraint
 from app.geometry import NS_PER_MS, NS_PER_S, InputError
 from tests.bridge.nodes import ros_nodes
-from tests.waiting import wait_until
+from tests.waiting import DEADLINE_S, wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -269,6 +272,27 @@ def test_second_sender_of_a_measurement_stops_the_arm(controlled, domain_id):
         assert not controlled.until(is_stopped).velocities.any()
         (problem, *_) = controlled.node.problems()
     assert "/arm/measured_js: 2 publishers send" in problem
+
+
+def test_repeated_constraint_is_read_as_the_message_that_it_is(domain_id):
+    """The controller decodes only what follows from another seq; rclpy decodes all of it."""
+    with ros_nodes(domain_id, "reader", "guard") as (ros, guard):
+        received, publisher = ConstraintInput(ros, CONSTRAINT.name), guard.publisher(CONSTRAINT)
+        assert guard.wait_for_subscribers(CONSTRAINT, 1, DEADLINE_S)
+        message = FixtureConstraint(instance_id="guard", half_spaces=[HalfSpace(offset=0.5)])
+        for seq in range(1, 9):
+            message.seq = seq
+            message.header.frame_id = "tumor" if seq < 5 else "tumors"  # another place of the seq
+            message.hold, message.simulated = seq in (2, 3), seq > 6
+            message.half_spaces[0].point_on_tool.x = float(seq // 3)
+            found = wait_until(received.arrived, lambda: publisher.publish(message))
+            ((read, setup),) = found
+            expected = plain_constraint(message)
+            for name in PlainConstraint.__slots__:
+                np.testing.assert_array_equal(getattr(read, name), getattr(expected, name), name)
+            assert setup is None
+            assert not read.normals.flags.writeable
+    assert received.refused == 0
 
 
 def test_shipped_file_agrees_with_the_committed_schema(project_root, capsys):
