@@ -116,6 +116,7 @@ class TwistLimiter:
         self._own = OwnMotion()
         self._lag_ns = round(self._parameters.tau_s * NS_PER_S / 2)
         self._commanded_ns: int | None = None
+        self._has_begun = threading.Event()
         self._frame = ""
         self._logged_ns: int | None = None
         self.refused: Counter[str] = Counter()
@@ -163,6 +164,7 @@ class TwistLimiter:
         if self._closing.is_set():
             return
         self._closing.set()
+        self._has_begun.set()
         self._ros.remove_on_close(self.close)
         self._watchdog.join()
         with self._publish_lock:  # after a reply that is being published
@@ -175,6 +177,7 @@ class TwistLimiter:
         frame = command.header.frame_id
         self._frame = frame if len(frame) <= _MAX_FRAME_CHARS else ""
         self._commanded_ns = steady_ns()
+        self._has_begun.set()
         answered = False
         try:
             # A step may replace the allowance while the twist is computed.
@@ -265,11 +268,11 @@ class TwistLimiter:
 
     def _watch(self) -> None:
         stopped_ns = 0
+        self._has_begun.wait()  # before the first command there is no motion to stop
         while not self._closing.wait(min(self._timeout_ns, _WATCH_NS) / NS_PER_S):
             with self._publish_lock:  # no reply is sent meanwhile
                 now_ns, commanded_ns, until_ns = steady_ns(), self._commanded_ns, self._until_ns
-                if commanded_ns is None:
-                    continue
+                assert commanded_ns is not None
                 is_late = now_ns - commanded_ns >= self._timeout_ns
                 if until_ns is not None and now_ns >= until_ns:
                     self._stop("the constraint is stale")
