@@ -15,6 +15,8 @@ from app.fixture import (
     Proximity,
     Reason,
     RecentWitnesses,
+    TumorMotionFilter,
+    TumorMotionParameters,
     Witnesses,
     path_mm,
 )
@@ -45,6 +47,9 @@ def _load_kernels() -> None:
     start = Transform.identity("structure", "tip")
     path_mm(start, start, 0.0)
     bool(Witnesses.of_rows(np.zeros((1, 10))).is_finite)
+    motion = TumorMotionFilter(TumorMotionParameters(1.0, 1.0, 1.0, 1.0, 1.0))
+    for ns in range(2):
+        motion.update(start, Stamp(ns))
 
 
 class StructureGuard:
