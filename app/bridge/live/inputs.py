@@ -25,9 +25,6 @@ from app.session import PlaybackRule
 LINGER_S = 1.0
 """Time after the end of a playback for which it counts as found: its last samples may wait."""
 
-CHECK_S = 0.1
-"""Period in which publishers of the inputs are looked for that may be bag players."""
-
 BAG_PLAYER = "rosbag2_player"
 """Beginning of the name that ``ros2 bag play`` gives its node."""
 
@@ -48,8 +45,8 @@ class PlaybackWatch:
     graph when its lease has expired, after 20 s at most with Fast DDS. The text of the announcement
     only adds the name of the case: it may arrive later, or never.
 
-    `check` looks for bag players; call it in the node's thread, before the first sample of a new
-    sender is used. Otherwise it is called every `CHECK_S`. `found` is thread-safe.
+    `check` looks for bag players: call it in the node's thread, repeatedly and before the first
+    sample of a new sender is used. `found` is thread-safe.
     """
 
     def __init__(self, ros: RosNode, inputs: Collection[str]) -> None:
@@ -60,7 +57,6 @@ class PlaybackWatch:
         self._last_player = ""
         self._seen_s: float | None = None
         ros.subscribe(topics.PLAYBACK, self._receive)
-        self._timer = ros.every(CHECK_S, self.check)
 
     def check(self) -> None:
         """Look for a bag player among the publishers of the inputs."""
@@ -90,10 +86,6 @@ class PlaybackWatch:
         last = self._last_player
         details = f"played by the node {last}" if last else self._case
         return f"poses from a recording, {details}" if details else "poses from a recording"
-
-    def close(self) -> None:
-        """Stop looking for bag players."""
-        self._ros.cancel(self._timer)
 
     def _is_player(self, name: str, namespace: str) -> bool:
         if name.startswith(BAG_PLAYER):
@@ -141,7 +133,7 @@ class LiveInputs:
             constraint=publisher.constraint_publisher,
             own=publisher.publishers,
             restore_static=publisher.publish_static,
-            new_sender=self._playback.check,
+            find_players=self._playback.check,
         )
         self.activation = activation_input(self._ros, prepared.config)
 
@@ -205,7 +197,6 @@ class LiveInputs:
         if self._images is not None:
             self._images.close()
         self.senders.close()
-        self._playback.close()
 
 
 def named_edges(entry: LiveSourceEntry) -> Sequence[tuple[str, str]]:

@@ -42,7 +42,7 @@ MAX_EDGES = 256
 """Transforms of other nodes that are remembered, besides those of the session's own frames."""
 
 CHECK_S = 0.1
-"""Period in which the graph is read and ended faults are found."""
+"""Period in which the graph is read: for ended faults, and for bag players."""
 
 _CONTENT = struct.Struct("<7dB")
 _NO_PROBLEM: Mapping[Reason, str] = MappingProxyType({})
@@ -155,8 +155,8 @@ class SenderWatch:
     ``edges``: those that the configuration names.
     ``constraint`` is the session's publisher; every other publisher on its topic is a fault.
     ``own`` are all publishers of this node; ``restore_static()`` publishes the session's static
-    transforms again. ``new_sender()`` is called in the node's thread before the first sample of
-    each sender is used.
+    transforms again. ``find_players()`` looks for bag players on the graph: it is called in the
+    node's thread every `CHECK_S`, and before the first sample of each sender is used.
 
     A name of a node is what the node announces: it is a candidate and not an identity.
 
@@ -175,11 +175,11 @@ class SenderWatch:
         constraint: Publisher,
         own: Sequence[Publisher],
         restore_static: Callable[[], None],
-        new_sender: Callable[[], None],
+        find_players: Callable[[], None],
     ) -> None:
         self._ros = ros
         self._restore_static = restore_static
-        self._new_sender = new_sender
+        self._find_players = find_players
         senders = [sender_of(publisher) for publisher in own]
         self._tf = SenderNames(ros, topics.TF.name, senders)
         self._tf_static = SenderNames(ros, topics.TF_STATIC.name, senders)
@@ -218,7 +218,8 @@ class SenderWatch:
         use.
         """
         self._edges, self._static_edges, self._fresh_ns = edges, static_edges, fresh_ns
-        self._timer = self._ros.every(CHECK_S, self._check)
+        self._find_players()
+        self._timer = self._ros.every(CHECK_S, self._read_graph)
         static = replace(topics.TF_STATIC, qos=STATIC_TF)
         CountedSubscription(self._ros, static, TF_MESSAGE, partial(self.take_tf, latched=True))
         if moving:
@@ -296,7 +297,7 @@ class SenderWatch:
             if len(self._seen) > 1024:
                 del self._seen[next(iter(self._seen))]
             names.refresh()
-            self._new_sender()
+            self._find_players()
 
     def _follow(self, frames: FrameSenders, pose: PoseValues, origin: Origin) -> bool:
         if max(map(len, pose.edge)) > MAX_NAME_CHARS or not all(map(is_frame, pose.edge)):
@@ -314,6 +315,13 @@ class SenderWatch:
 
     def _own_static(self) -> dict[str, Transform]:
         return {edge.source: edge for edge in self._static_edges()}
+
+    def _read_graph(self) -> None:
+        """Run both checks in one timer: a wait for a timer costs the executor more than a check."""
+        try:
+            self._check()
+        finally:
+            self._find_players()
 
     def _check(self) -> None:
         """Read the graph and update the texts of the faults."""

@@ -32,11 +32,12 @@ A, B = Origin(b"a", 1), Origin(b"b", 1)
 
 
 class Watched:
-    """A `SenderWatch` of a node without session; counts how often its edges are restored."""
+    """A `SenderWatch` of a node without session; notes that its edges are restored, or looks."""
 
     def __init__(self, ros):
         self.ros = ros
         self.restored = threading.Event()
+        self.looked = threading.Semaphore(0)
         self.static_edges = (BASE,)
         constraint, static = ros.publisher(topics.CONSTRAINT), ros.publisher(topics.TF_STATIC)
         self.senders = SenderWatch(
@@ -47,7 +48,7 @@ class Watched:
             constraint=constraint,
             own=[constraint, static],
             restore_static=self.restored.set,
-            new_sender=lambda: None,
+            find_players=self.looked.release,
         )
         static.publish(tf_message([(BASE, Stamp(0))]))
         self.senders.start(
@@ -231,14 +232,24 @@ def test_bag_player_that_publishes_an_input_is_a_playback(domain_id, name, servi
             player.node.create_service(Trigger, f"~/{service}", lambda _, response: response)
         player.publisher(topics.JOINT_STATES)
         other = player.publisher(topics.PLAYBACK) if not is_player else None
-        found = wait_until(watch.found)
+        found = wait_until(watch.found, lambda: ros.call(watch.check))
         if is_player:
             assert found == f"poses from a recording, played by the node /{name}"
         else:  # only the announcement is found
             other.publish(String(data="case 1"))
             wait_until(lambda: "case 1" in watch.found())
             assert "played by" not in watch.found()
-        ros.call(watch.close)
+
+
+def test_bag_players_are_looked_for_repeatedly_although_the_other_check_fails(watched):
+    for _ in range(3):
+        assert watched.looked.acquire(timeout=DEADLINE_S)
+    watched.static_edges = None
+    wait_until(lambda: watched.ros.failures > 1)
+    while watched.looked.acquire(blocking=False):
+        pass
+    for _ in range(3):
+        assert watched.looked.acquire(timeout=DEADLINE_S)
 
 
 def test_bag_player_of_another_topic_is_no_playback(domain_id):
@@ -253,4 +264,3 @@ def test_bag_player_of_another_topic_is_no_playback(domain_id):
         assert received.wait(DEADLINE_S)
         ros.call(watch.check)
         assert watch.found() == ""
-        ros.call(watch.close)
