@@ -25,7 +25,7 @@ _MAX_CHARS = 60
 
 
 class SenderNames:
-    """The publishers of one topic, as the graph listed them at the last `refresh`.
+    """The publishers of one topic, as the graph listed them at the last `refresh` or later.
 
     A node's name is what the node announces; nothing verifies it. Names of publishers that have
     left are remembered. Not thread-safe.
@@ -38,11 +38,19 @@ class SenderNames:
         self._present: frozenset[bytes] = frozenset()
         self._names: dict[bytes, str] = {}
         self._has_matched = False
+        self._is_outdated = self._has_unnamed = False
+
+    def outdate(self) -> None:
+        """Read the graph before the next answer; at once while a publisher has no name yet."""
+        self._is_outdated = True
+        if self._has_unnamed:
+            self.refresh()
 
     def refresh(self) -> None:
         """Read the graph."""
         if not self._ros.is_open:
             return
+        self._is_outdated = False
         infos = self._ros.node.get_publishers_info_by_topic(self.topic)
         self._present = frozenset(bytes(each.endpoint_gid) for each in infos)
         for each in infos:
@@ -51,6 +59,7 @@ class SenderNames:
                 self._names[sender] = node_name(each)
                 if len(self._names) > _MAX_NAMED:
                     del self._names[next(iter(self._names))]
+        self._has_unnamed = any(each.node_name == UNKNOWN_NODE for each in infos)
 
     def is_own(self, sender: bytes | None) -> bool:
         """True if ``sender`` is a publisher of this node."""
@@ -62,6 +71,8 @@ class SenderNames:
         A middleware that identifies publishers and senders in different ways (Cyclone DDS) gives no
         answer: then any publisher of another node counts as the sender.
         """
+        if self._is_outdated:
+            self.refresh()
         if sender in self._present:
             self._has_matched = True
             return True
@@ -69,6 +80,8 @@ class SenderNames:
 
     def text(self, senders: Iterable[object]) -> str:
         """Names of the nodes of ``senders``; of all other publishers if none of those is known."""
+        if self._is_outdated:
+            self.refresh()
         asked = list(senders)
         found = [self._names[each] for each in asked if each in self._names]
         if not found:

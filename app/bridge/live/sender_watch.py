@@ -42,7 +42,7 @@ MAX_EDGES = 256
 """Transforms of other nodes that are remembered, besides those of the session's own frames."""
 
 CHECK_S = 0.1
-"""Period in which the graph is read: for ended faults, and for bag players."""
+"""Period in which ended faults and bag players are looked for."""
 
 _CONTENT = struct.Struct("<7dB")
 _NO_PROBLEM: Mapping[Reason, str] = MappingProxyType({})
@@ -324,9 +324,9 @@ class SenderWatch:
             self._find_players()
 
     def _check(self) -> None:
-        """Read the graph and update the texts of the faults."""
+        """Update the texts of the faults; the graph is read if there may be one."""
         for names in self._names:
-            names.refresh()
+            names.outdate()
         now_ns = time.monotonic_ns()
         edges, own = self._edges(), self._own_static()
         conflicts = self._frames.conflicts(edges, (), now_ns, self._poses.is_present)

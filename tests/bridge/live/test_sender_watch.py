@@ -14,8 +14,9 @@ from tf2_msgs.msg import TFMessage
 from app.bridge import topics
 from app.bridge.live.inputs import PlaybackWatch
 from app.bridge.live.sender_watch import SenderWatch
-from app.bridge.message_origin import Origin
+from app.bridge.message_origin import Origin, sender_of
 from app.bridge.node import RosNode
+from app.bridge.sender_names import SenderNames
 from app.bridge.tf_topics import tf_message
 from app.case.messages.message_values import JointValues, PoseValues
 from app.fixture import Reason
@@ -207,6 +208,23 @@ def test_own_static_frame_on_tf_is_a_fault(watched, rival):
     message.transforms[0].transform.rotation.w = 1.0
     wait_until(lambda: watched.problem, lambda: publisher.publish(message))
     assert "reference -> robot_base on /tf" in watched.problem
+
+
+def test_answer_after_outdate_is_that_of_the_present_graph(ros, domain_id):
+    names = SenderNames(ros, "/tf")
+    names.refresh()
+
+    def is_present():
+        names.outdate()
+        return names.is_present(sender)
+
+    with RosNode("rival", domain_id=domain_id) as rival:
+        sender = sender_of(rival.publisher(topics.TF))
+        wait_until(is_present)
+        wait_until(lambda: names.text([sender]) == "node /rival", names.outdate)
+        names.outdate()
+    wait_until(lambda: not is_present())
+    assert names.text([sender]) == "node /rival"
 
 
 def test_any_other_publisher_of_the_constraint_is_a_fault_until_it_has_left(watched, domain_id):
