@@ -284,7 +284,7 @@ def test_repeated_constraint_is_read_as_the_message_that_it_is(domain_id):
             message.seq = seq
             message.header.frame_id = "tumor" if seq < 5 else "tumors"  # another place of the seq
             message.hold, message.simulated = seq in (2, 3), seq > 6
-            message.half_spaces[0].point_on_tool.x = float(seq // 3)
+            message.half_spaces[0].point_on_tool.x = float(seq // 4)
             found = wait_until(received.arrived, lambda: publisher.publish(message))
             ((read, setup),) = found
             expected = plain_constraint(message)
