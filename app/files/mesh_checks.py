@@ -55,11 +55,12 @@ def check_stl(content: bytes, path: Path, options: MeshOptions) -> None:
     text = content.rstrip().lower()
     if not text.lstrip().startswith(b"solid"):
         raise options.error(
-            f"mesh {path} is not an STL: it has {len(content)} bytes, and {count} triangles in its "
-            "header, and does not begin with 'solid'"
+            f"mesh {path} is not an STL: it has {len(content)} bytes; expected "
+            f"{_STL_HEADER_BYTES + _STL_TRIANGLE_BYTES * count} for the {count} triangles of its "
+            "header, or a text that begins with 'solid'"
         )
     if not text[text.rfind(b"\n") + 1 :].lstrip().startswith(b"endsolid"):
-        raise options.error(f"mesh {path} does not end with 'endsolid': it is not complete")
+        raise options.error(f"mesh {path} does not end with 'endsolid'; expected the whole text")
     _check_text(content, path, options)
     _check_parts(text.count(b"endsolid"), "solids", path, options)
 

@@ -178,11 +178,12 @@ def test_normal_that_is_no_number_is_ignored_without_a_line(tmp_path, capfd):
     ("text", "message"),
     [
         (STL.format(z="1", x="y"), "cannot be read"),
+        ("no mesh " * 20, "is not an STL: it has 160 bytes; expected .* begins with 'solid'"),
         (STL.format(z="1", x="0") + STL.format(z="1", x="0")[:60], "does not end with 'endsolid'"),
         ("solid a\nendsolid a\n" * 1001, "1001 solids; expected at most 1000"),
     ],
 )
-def test_text_that_would_lose_triangles_is_refused(tmp_path, text, message):
+def test_text_that_is_no_whole_stl_is_refused(tmp_path, text, message):
     (tmp_path / "a.stl").write_text(text)
     with pytest.raises(MeshError, match=message):
         load_mesh(tmp_path / "a.stl", units="mm", frame="tumor")
