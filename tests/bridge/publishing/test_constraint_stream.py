@@ -228,12 +228,15 @@ def test_hold_since_is_the_begin_of_the_hold():
 
 def test_expired_constraint_is_repeated_as_stale_on_hold():
     sent, stream = streaming(1000.0)
-    stream.publish(constraint(), valid_ns=5_000_000)
+    message = constraint()
+    message.planes_current = True
+    stream.publish(message, valid_ns=5_000_000)
     sent.wait_until(lambda messages: messages[-1].hold)
     stream.close()
     fresh = sent.messages[0]
     stale = next(message for message in sent.messages if message.hold)
     assert fresh.state == FixtureConstraint.WARNING
+    assert (fresh.planes_current, stale.planes_current) == (True, False)
     assert (stale.state, list(stale.reasons)) == (FixtureConstraint.UNKNOWN, ["stale"])
     assert stale.header == fresh.header
     assert stale.valid_until == fresh.valid_until

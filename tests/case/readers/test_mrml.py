@@ -71,9 +71,10 @@ FILES = {
 
 
 def bundle(path: Path, files: dict[str, str | bytes]) -> Path:
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
-        for name, content in files.items():
-            file.writestr(name, content)
+    """The first file is stored, the others are deflated: programs store what does not shrink."""
+    with zipfile.ZipFile(path, "w") as file:
+        for number, (name, content) in enumerate(files.items()):
+            file.writestr(name, content, zipfile.ZIP_DEFLATED if number else zipfile.ZIP_STORED)
     return path
 
 
