@@ -56,6 +56,19 @@ def test_item_of_a_case_is_drawn_from_sensor_to_tip_and_changed_by_its_command(i
     assert (row["name"], row["command"]) == (item.name, item.command)
 
 
+@pytest.mark.parametrize(
+    "direction",
+    [(0.6, 0.0, 0.8), (0.0, -0.8, 0.6), (-0.6, 0.64, 0.48), (0.6, 0.64, -0.48), (0.0, 0.0, -1.0)],
+)
+def test_rod_points_along_its_direction(direction):
+    name = next(item.name for item in DISPLAY_ITEMS if item.kind is ItemKind.ROD)
+    keys = KEYS[ItemKind.ROD] | {"tip_from": {"direction": list(direction)}}
+    (shown,) = items_of(Case(Path(), read(**{name: keys}), None))
+    np.testing.assert_allclose(shown.tip.translation_mm, 60.0 * np.array(direction), atol=1e-9)
+    np.testing.assert_allclose(shown.tip.rotation[:, 2], direction, atol=1e-12)
+    assert np.linalg.det(shown.tip.rotation) == pytest.approx(1.0)
+
+
 @EVERY_ITEM
 def test_every_item_has_a_command_with_a_limit_and_is_a_part_or_a_tool(item):
     assert COMMANDS[item.command] is ITEM_COMMANDS[item.name]

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -212,6 +214,17 @@ def test_lost_samples_in_between_do_not_end_a_frozen_run(tree, how):
         else:
             tree.put(at_ms, (*TOOL, (0, 0, -3.7e28), at_ms))
     assert tree.problems() == {Reason.FROZEN}
+
+
+def test_path_that_other_rules_check_is_checked_from_the_next_frame_on(tree):
+    rules = PoseRules(tree.limits, moving_frames=("cautery", "needle"))
+    tree.put(0, cautery=0, needle=0)
+    tree.put(10, cautery=500, needle=0)
+    assert tree.implausible() == {}  # nothing is checked
+    tree.use(replace(rules, checked=(BETWEEN,)))
+    tree.put(20, cautery=500, needle=0)
+    tree.put(30, cautery=0, needle=0)
+    assert list(tree.implausible()) == ["tracker -> cautery"]
 
 
 def test_clock_jump_drops_all_samples(tree):

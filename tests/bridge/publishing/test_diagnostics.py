@@ -51,6 +51,17 @@ def test_level_follows_the_state(make_step, state, level):
     assert parts(report)["margin"].level == level
 
 
+def test_counts_of_the_sources_are_reported_with_a_playback(make_step):
+    step = make_step(0)
+    of_source = parts(Diagnostics(lambda: {"refused": 3}).report(step, STALE_NS))["source"]
+    assert (of_source.level, values(of_source)) == (b"\x00", {"refused": "3"})
+    played = replace(step, playback="poses from a recording")
+    of_source = parts(Diagnostics(lambda: {"refused": 4}).report(played, STALE_NS))["source"]
+    assert (of_source.level, values(of_source)) == (b"\x01", {"refused": "4"})
+    assert of_source.message == "PLAYBACK: poses from a recording"
+    assert "source" not in parts(Diagnostics().report(step, STALE_NS))
+
+
 def test_ages_and_distances_are_reported(make_step):
     report = parts(Diagnostics().report(make_step(0), STALE_NS))
     margin = values(report["margin"])
