@@ -131,7 +131,7 @@ class SingleSender:
         polled: bool = False,
     ) -> None:
         self._in_conflict, self._ros = in_conflict, ros
-        self._node, self._name, self._receive = ros.node, topic.name, receive
+        self._name, self._receive = topic.name, receive
         self._trail, self._lock = SenderTrail(), threading.Lock()
         self._checked_ns: int | None = None
         self._problem = ""
@@ -151,7 +151,7 @@ class SingleSender:
             if self._problem and not is_due:
                 return self._problem
             self._checked_ns = now_ns
-            infos = self._node.get_publishers_info_by_topic(self._name)
+            infos = self._ros.node.get_publishers_info_by_topic(self._name)
             present = {bytes(info.endpoint_gid) for info in infos}
             conflict = self._trail.check(now_ns, present.__contains__)
             names = nodes_text(node_name(info) for info in infos)

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from app.fixture import Constraint, FixtureDecision, Proximity, Reason, worst_first
 from app.fixture.control.constraint import MAX_PLANES
-from app.fixture.jit import inlined, kernel
+from app.fixture.control.half_spaces import clearance_mm
+from app.fixture.jit import kernel
 from app.fixture.proximity.values import FreeMotion, Witnesses
 from app.fixture.vectors import rotate_inverse, transform_point, transform_point_inverse
 from app.geometry import FloatArray, Transform
@@ -183,11 +184,6 @@ def _place(
                     placed[k, 0] += value * origin[j]
 
 
-@inlined
-def _clearance_mm(plane: FloatArray) -> float:
-    return float(plane[1] * plane[4] + plane[2] * plane[5] + plane[3] * plane[6] - plane[0])
-
-
 @kernel
 def _keep_nearest(planes: FloatArray, kept: NDArray[np.int64]) -> float:
     """Write to ``kept`` (m,), which is 0 to m - 1, the numbers of the planes to keep, in order.
@@ -197,11 +193,11 @@ def _keep_nearest(planes: FloatArray, kept: NDArray[np.int64]) -> float:
     """
     size, left_out_mm = len(kept), math.inf
     for new in range(size, len(planes)):
-        farthest, largest_mm = size, _clearance_mm(planes[new])
+        farthest, largest_mm = size, clearance_mm(planes, new)
         for i in range(size - 1, 0, -1):  # of equal clearances the last is left out
-            clearance_mm = _clearance_mm(planes[kept[i]])
-            if clearance_mm > largest_mm:
-                farthest, largest_mm = i, clearance_mm
+            found_mm = clearance_mm(planes, kept[i])
+            if found_mm > largest_mm:
+                farthest, largest_mm = i, found_mm
         left_out_mm = min(left_out_mm, largest_mm)
         if farthest < size:
             for i in range(farthest, size - 1):
@@ -237,7 +233,7 @@ def _are_two_breached(planes: FloatArray, owners: NDArray[np.int64]) -> bool:
     """True if ``planes`` (k, 10) of two of their ``owners`` (k,) have clearances below 0."""
     owner = -1
     for k in range(len(planes)):
-        if _clearance_mm(planes[k]) < 0.0:
+        if clearance_mm(planes, k) < 0.0:
             if owner not in (-1, owners[k]):
                 return True
             owner = owners[k]
