@@ -2,7 +2,7 @@
 
 import secrets
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 from app.fixture import POSE_DOUBTS, FixtureDecision, MarginState, Reason, worst_first
@@ -89,8 +89,7 @@ class Hold:
         if self._latched:
             reasons = worst_first((*reasons, Reason.LATCHED))
             constraint = None if constraint is None else constraint.with_hold()
-        return replace(
-            decision,
+        return decision._replace(
             reasons=reasons,
             constraint=constraint,
             hold=True,

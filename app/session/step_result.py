@@ -6,12 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from operator import attrgetter
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from app.case import JointSample, TrackingFrame
-from app.fixture import AppliedMargin, FixtureDecision, MarginState, Proximity
+from app.fixture import FixtureDecision, MarginState, Proximity
 from app.geometry import (
     Edge,
     FloatArray,
@@ -32,8 +33,7 @@ from app.session.structure import StructureStep, governing_number
 from app.session.tool_distances import ToolDistance
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class KnownEdges:
+class KnownEdges(NamedTuple):
     """Static edges, measured edges and links of the robot, as the step used them.
 
     ``measured`` holds the latest sample of each edge, None if it may not be used at this step
@@ -43,8 +43,8 @@ class KnownEdges:
     """
 
     static: tuple[Transform, ...] = ()
-    measured: Mapping[Edge, TrackedTransform | None] = field(default_factory=dict)
-    links: Mapping[str, Transform] = field(default_factory=dict)
+    measured: Mapping[Edge, TrackedTransform | None] = MappingProxyType({})
+    links: Mapping[str, Transform] = MappingProxyType({})
     links_stamp: Stamp | None = None
     link_names: frozenset[str] = frozenset()
     base: str = ""
@@ -221,17 +221,8 @@ class StepResult:
 _Reduced = tuple[Callable[..., Any], tuple[Any, ...]]
 
 _VALUES: tuple[type, ...] = (
-    *(
-        StepResult,
-        StructureStep,
-        ToolDistance,
-        TrackingFrame,
-        TrackedTransform,
-        JointSample,
-        Stamp,
-        FixtureDecision,
-    ),
-    *(AppliedMargin, Proximity, RegistrationDrift, LinkPoses),
+    *(StepResult, TrackingFrame, TrackedTransform, JointSample, Stamp),
+    *(Proximity, RegistrationDrift, LinkPoses),
 )
 """Classes with slots for all of their values."""
 

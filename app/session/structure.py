@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Protocol, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
 
 from app.fixture import FixtureDecision, MarginParameters, Proximity, SweptProximity
 from app.geometry import InputError, Stamp, Transform
@@ -88,8 +88,7 @@ class Structure:
         return replace(self, stop_mm=stop_mm, warn_mm=warn_mm)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class StructureStep:
+class StructureStep(NamedTuple):
     """One structure at one step, decided by its own margins, without the session's hold.
 
     ``structure_from_tip`` is None while its frame or the tool's is not known; ``between_frames`` as

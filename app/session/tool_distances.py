@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from app.case import TrackingFrame
 from app.fixture import MarginState, Proximity, Reason, path_mm, worst_first
@@ -12,8 +12,7 @@ from app.session.pose_tree import PoseRules, PoseTree
 from app.session.setup import REFERENCE, OtherTool, SessionSetup
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ToolDistance:
+class ToolDistance(NamedTuple):
     """Distance of the guarded tool from the tool ``name`` at one step.
 
     ``state``: WARNING up to the stated distance, by the lower bound of the measured one, NEGATIVE

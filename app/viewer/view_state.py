@@ -99,8 +99,7 @@ class ViewState:
     def as_unknown(self, why: str) -> "ViewState":
         """The step as UNKNOWN because no step followed: without distance, plane or links."""
         reasons = (Reason.STALE, *(r for r in self.step.decision.reasons if r is Reason.LATCHED))
-        decision = replace(
-            self.step.decision,
+        decision = self.step.decision._replace(
             state=MarginState.UNKNOWN,
             reasons=reasons,
             constraint_is_current=False,

@@ -1,7 +1,6 @@
 """A small case for the scene: a ball as tumour, a rod as tool, an arm of two boxes."""
 
 import importlib.metadata
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -165,7 +164,7 @@ def make_step(edges, arm):
         return StepResult(
             index=0,
             frame=TrackingFrame(stamp, samples),
-            decision=replace(build_decision(state, distance_mm), stamp=stamp),
+            decision=build_decision(state, distance_mm)._replace(stamp=stamp),
             tumor_from_tip=tumor_from_tip,
             virtual_fixture=None,
             links=arm.forward_kinematics({}) if links is None else links,

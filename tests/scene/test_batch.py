@@ -1,7 +1,6 @@
 """Events per update: one for each changed node, and one rendering."""
 
 from collections import Counter
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -76,7 +75,7 @@ def test_plane_and_marks_notify_at_the_end_of_the_update(scene, decision):
     inside = decision(MarginState.POSITIVE, -2.0)
     constraint = constrain(inside.proximity, 1.0, frame="tumor")
     with scene.update():
-        scene.show(replace(inside, constraint=constraint, constraint_is_current=True), {})
+        scene.show(inside._replace(constraint=constraint, constraint_is_current=True), {})
         assert not counts.modified
     assert counts.modified["FixturePlane"] == 1
 

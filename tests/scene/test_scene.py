@@ -1,7 +1,6 @@
 import gc
 import math
 import weakref
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -251,8 +250,7 @@ def test_point_colours_set_by_a_user_do_not_hide_the_state(shown, decision):
 
 def constrained(decision, *, current=True, stamp_ns=None, frame="tumor"):
     """``decision`` with planes 1 mm outside of the tumour, and the stamp of its data."""
-    return replace(
-        decision,
+    return decision._replace(
         constraint=constrain(decision.proximity, 1.0, frame=frame),
         constraint_is_current=current,
         stamp=decision.stamp if stamp_ns is None else Stamp(stamp_ns),
@@ -364,7 +362,7 @@ def test_decision_of_old_data_is_grey(live, decision, age_ns, why):
     else:
         assert_shown_stale(live, why)
         # Also an old breach is grey, and leaves no mark.
-        live.show(replace(decision(MarginState.POSITIVE, -3.0), stamp=clear.stamp), {}, 0)
+        live.show(decision(MarginState.POSITIVE, -3.0)._replace(stamp=clear.stamp), {}, 0)
         assert live.tumor.GetDisplayNode().GetColor() == GREY
         assert len(live.margin.breaches) == 0
 
@@ -382,7 +380,7 @@ def test_check_turns_everything_grey_after_the_source_stopped(live, decision, ar
     assert not link.GetScalarVisibility() and link.GetColor() == GREY
     live.check(10**12 + 3 * 10**9)
     assert_shown_stale(live, "data 3.0 s old")
-    live.show(replace(clear, stamp=Stamp(2 * 10**12)), links, 2 * 10**12)
+    live.show(clear._replace(stamp=Stamp(2 * 10**12)), links, 2 * 10**12)
     assert_shown_green(live)
     assert link.GetScalarVisibility()
 
@@ -414,7 +412,7 @@ LOST = (Reason.MISSING, Reason.FROZEN, Reason.LATCHED)
 def test_decision_that_cannot_be_trusted_is_grey_and_says_why(
     live, decision, state, distance_mm, changes, why
 ):
-    live.show(replace(decision(state, distance_mm), **changes), {}, 10**12)
+    live.show(decision(state, distance_mm)._replace(**changes), {}, 10**12)
     assert_shown_stale(live, why)
 
 
@@ -448,7 +446,7 @@ def test_robot_is_grey_while_its_links_are_not_known(live, decision, arm):
 
 
 def test_plane_of_a_decision_without_a_stamp_is_hidden(live, decision):
-    drifted = replace(constrained(decision(MarginState.UNKNOWN, 9.0)), stamp=None, reasons=())
+    drifted = constrained(decision(MarginState.UNKNOWN, 9.0))._replace(stamp=None, reasons=())
     live.show(drifted, {}, 0)
     assert not live.margin.plane.node.GetDisplayNode().GetVisibility()
 

@@ -151,7 +151,7 @@ def test_long_list_keeps_count_first_and_deepest(tumor):
 def test_tool_inside_the_stop_margin_has_a_display_of_its_own():
     decision = step_of(0, 0.4).decision
     displays = [
-        margin_display(replace(decision, state=state, reasons=reasons))
+        margin_display(decision._replace(state=state, reasons=reasons))
         for state, reasons in (
             (MarginState.WARNING, (Reason.WARNING_DISTANCE,)),
             (MarginState.WARNING, (Reason.STOP_DISTANCE,)),

@@ -101,7 +101,7 @@ def _at_distance(step: StepResult, distance_mm: float) -> StepResult:
     rows = proximity.witnesses.rows.copy()
     rows[:, 0] = distance_mm
     far = type(proximity)(distance_mm, proximity.witnesses.of_rows(rows), None)
-    return replace(step, decision=replace(step.decision, proximity=far))
+    return replace(step, decision=step.decision._replace(proximity=far))
 
 
 def test_stale_limit_below_the_period_of_the_tracker_is_named(setup, steps):
@@ -122,8 +122,8 @@ def test_share_of_unusable_frames_is_named_with_its_cause(setup, steps, lost, is
     def lose(index: int, step: StepResult) -> StepResult:
         if index % lost:
             return step
-        decision = replace(
-            step.decision, state=MarginState.UNKNOWN, reasons=(Reason.INVALID, Reason.LATCHED)
+        decision = step.decision._replace(
+            state=MarginState.UNKNOWN, reasons=(Reason.INVALID, Reason.LATCHED)
         )
         return replace(step, decision=decision)
 

@@ -1,7 +1,5 @@
 """Several structures in one session: each as alone, together the worst, planes for all of them."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import trimesh
@@ -92,11 +90,11 @@ def step_of(rows, free):
 def test_hold_and_oldest_pose_of_any_structure_are_those_of_the_session():
     combined, still = CombinedDecision(), step_of(np.ones((2, 10)), FreeMotion(1.0, 1.0))
     for changes in ({"stamp": Stamp(0), "hold": True}, {"stamp": Stamp(0)}):
-        other = replace(still, decision=replace(still.decision, **changes))
+        other = still._replace(decision=still.decision._replace(**changes))
         decision = combined.of([still, other], 20.0)
         assert decision.stamp == Stamp(0)
         assert decision.hold is decision.constraint.hold is ("hold" in changes)
-    unknown = replace(other, decision=replace(other.decision, constraint_is_current=False))
+    unknown = other._replace(decision=other.decision._replace(constraint_is_current=False))
     decision = combined.of([still, unknown], 20.0)
     assert (decision.constraint_is_current, decision.constraint.hold) == (False, True)
 

@@ -47,8 +47,7 @@ def moment(parts, robot):
     reference = Transform.identity("needle", "reference")
     static = (*content.static_edges, reference, registration.transform)
     content = replace(content, robot=setup, static_edges=static)
-    edges = replace(
-        shown.step.edges,
+    edges = shown.step.edges._replace(
         static=static,
         links=links,
         links_stamp=shown.step.frame.stamp,

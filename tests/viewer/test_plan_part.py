@@ -279,7 +279,7 @@ def test_gate_is_closed_in_the_tumour_and_on_hold(page, planned, shown):
     page.show(OUTSIDE)
     assert page.part.values()["guidance"]["gate"] == "open"
     step = shown(OUTSIDE).step
-    held = replace(step, decision=replace(step.decision, hold=True))
+    held = replace(step, decision=step.decision._replace(hold=True))
     page.show(OUTSIDE, step=held)
     values = page.part.values()["guidance"]
     assert (values["gate"], values["gate_text"]) == ("closed", "the guard is on hold")

@@ -134,7 +134,7 @@ def test_few_points_and_no_points_are_refused_with_the_reason(guided, steps):
 
 def test_step_without_joints_is_not_recorded_and_says_why(guided, steps):
     guided.guide.start(guided.seen)
-    guided.guide.observe(replace(steps[0], edges=replace(steps[20].edges, links={})))
+    guided.guide.observe(replace(steps[0], edges=steps[20].edges._replace(links={})))
     status = guided.guide.status()
     assert status.samples == 0
     assert "is not known now" in status.problem
@@ -192,10 +192,10 @@ def test_session_without_a_robot_has_none():
 
 def test_steps_without_a_tracked_tool_raise_no_error(guided, steps):
     guided.guide.start(guided.seen)
-    guided.guide.observe(replace(steps[20], edges=replace(steps[20].edges, measured={})))
+    guided.guide.observe(replace(steps[20], edges=steps[20].edges._replace(measured={})))
     assert guided.guide.status().problem
     with pytest.raises(FrameError):
-        replace(steps[20].edges, measured={}).between("reference", "cautery")
+        steps[20].edges._replace(measured={}).between("reference", "cautery")
 
 
 POINTER = ShownItem("stylus", "pointer")
@@ -216,7 +216,7 @@ def touched_by_stylus(step, content):
         return step
     pose = tool @ content.tool_from_tip @ STYLUS_TIP.inverse().renamed(target="cautery_tip")
     measured["reference", "pointer"] = TrackedTransform(pose, stamp, TrackingStatus.OK)
-    return replace(step, edges=replace(step.edges, measured=measured))
+    return replace(step, edges=step.edges._replace(measured=measured))
 
 
 def test_landmarks_touched_with_the_stylus_give_the_residuals_of_the_cautery(

@@ -113,7 +113,7 @@ def test_robot_needs_an_accepted_registration():
 
 def test_hold_is_named_with_its_causes():
     step = replace(stepped(), hold_causes=("tumour replaced",))
-    held = replace(step, decision=replace(step.decision, hold=True))
+    held = replace(step, decision=step.decision._replace(hold=True))
     problem = steps_of(held)["navigate"].problem
     assert problem == "on hold until re-armed: tumour replaced"
 

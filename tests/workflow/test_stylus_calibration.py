@@ -144,7 +144,7 @@ def test_place_of_the_tip_is_that_of_the_motion(guided):
     step = step_with(edges)
     found = tip_mm(step, guided.content, STYLUS, "needle")
     np.testing.assert_allclose(found, DIVOT_MM - [1.0, 2.0, 3.0], atol=0.3)
-    stale = step_with(replace(edges, measured={**edges.measured, EDGE: None}))
+    stale = step_with(edges._replace(measured={**edges.measured, EDGE: None}))
     with pytest.raises(InputError, match=r"^stylus: 'stylus' in 'reference' is not known now;"):
         tip_mm(stale, guided.content, STYLUS, "needle")
     with pytest.raises(InputError, match=r"^stylus: it is not calibrated; expected a pivot"):

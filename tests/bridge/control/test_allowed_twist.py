@@ -88,7 +88,7 @@ def test_only_the_approach_is_limited_in_every_frame(limiter, make_step, replies
     step = make_step(0)
     still = np.zeros((1, 3))
     constraint = replace(step.decision.constraint, tumor_velocities_mm_s=still)
-    limiter.allow(replace(step, decision=replace(step.decision, constraint=constraint)), LONG)
+    limiter.allow(replace(step, decision=step.decision._replace(constraint=constraint)), LONG)
     found = replies(
         command(0.01, 0.02, 0.03),
         command(0.01, 0.0, -0.00004),
@@ -159,8 +159,8 @@ def faulty(step, **changes):
     """Copy of ``step`` with a fault and its constraint on hold."""
     decision = step.decision
     changes = {"constraint": decision.constraint.on_hold(), **changes}
-    unknown = replace(
-        decision, state=MarginState.UNKNOWN, reasons=(Reason.FROZEN,), hold=True, **changes
+    unknown = decision._replace(
+        state=MarginState.UNKNOWN, reasons=(Reason.FROZEN,), hold=True, **changes
     )
     return replace(step, decision=unknown)
 
@@ -219,7 +219,7 @@ def test_tool_beyond_the_tumor_can_leave_and_not_reenter(limiter, replies):
     assert step.decision.state is MarginState.POSITIVE
     assert abs(step.decision.proximity.on_tool_mm[0]) < 1.0  # the deepest pose of the path
     free = replace(step.decision.constraint, free=FreeMotion(20.0, 0.1))
-    limiter.allow(replace(step, decision=replace(step.decision, constraint=free)), LONG)
+    limiter.allow(replace(step, decision=step.decision._replace(constraint=free)), LONG)
     found = replies(command(0.02, 0.0, 0.0), command(-0.01, 0.0, 0.0))
     out, back_in = found[0]["linear"], found[1]["linear"]
     # The tool is 0.51 mm away, 0.49 mm within the stop margin.
@@ -296,7 +296,7 @@ def test_old_pose_on_the_way_to_a_frame_gives_no_motion(limiter, make_step, repl
     old = Stamp(step.decision.stamp.ns - LONG_NS)
     edge = ("tracker", "reference")
     sample_of_old = TrackedTransform.valid(step.edges.measured[edge].transform, old)
-    edges = replace(step.edges, measured={**step.edges.measured, edge: sample_of_old})
+    edges = step.edges._replace(measured={**step.edges.measured, edge: sample_of_old})
     limiter.allow(replace(step, edges=edges), LONG)
     found = replies(
         command(0.0, 0.0, 0.01, frame="robot_base"), command(0.0, 0.0, 0.01, frame="needle")

@@ -80,7 +80,7 @@ def test_force_fades_at_its_rate_and_is_zero_at_rest(
         if action == "rest":
             guidance.end()
         elif action == "earlier":
-            earlier = replace(step.decision, constraint_is_current=False)
+            earlier = step.decision._replace(constraint_is_current=False)
             guidance.publish(replace(step, decision=earlier), StepTiming())
         else:
             guidance.publish(step, StepTiming())

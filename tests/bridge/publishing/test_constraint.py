@@ -100,7 +100,7 @@ def test_stamp_of_another_tumor_is_not_used_for_the_new_one(content, make_step):
     builder = ConstraintBuilder(content)
     builder.message(make_step(0).decision)
     builder.use(content)
-    decision = replace(make_step(1, lost=True).decision, constraint=None)
+    decision = make_step(1, lost=True).decision._replace(constraint=None)
     message = builder.message(decision)
     assert ns(message.header.stamp) == ns(message.valid_until) == 0
     assert len(message.half_spaces) == 0

@@ -92,7 +92,7 @@ def test_text_of_breach_and_unknown(make_step):
     breach = make_step(0, state=MarginState.POSITIVE).decision
     witnesses = replace(breach.proximity.witnesses, signed_distance_mm=np.array([-1.44]))
     proximity = replace(breach.proximity, witnesses=witnesses, lower_bound_mm=-1.44)
-    deep = replace(breach, proximity=proximity)
+    deep = breach._replace(proximity=proximity)
     assert margin_text(deep) == "IN TUMOUR -1.4 mm"
     assert margin_text(make_step(0, lost=True).decision) == "UNKNOWN: invalid, latched"
 

@@ -1,7 +1,5 @@
 """Pixels of a small view of each state, with all nodes of the scene."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from slicer import vtkMRMLScene
@@ -32,7 +30,7 @@ def test_states_are_visible_through_the_margin_surface_and_stale_is_grey(tumor, 
     def clear(now_ns):
         near = decision(MarginState.NEGATIVE, 2.0)
         constraint = constrain(near.proximity, 1.0, frame="tumor")
-        return replace(near, constraint=constraint, constraint_is_current=True, stamp=Stamp(now_ns))
+        return near._replace(constraint=constraint, constraint_is_current=True, stamp=Stamp(now_ns))
 
     with offscreen_view(application, "States", (200, 200)) as view:
         view.look(fit(points, np.eye(3)[0], np.eye(3)[2], angle_deg=30.0, aspect=1.0))
@@ -44,7 +42,7 @@ def test_states_are_visible_through_the_margin_surface_and_stale_is_grey(tumor, 
         assert ratio(grey, 1) == ratio(grey, 0) == ratio(grey, 2) == 0
         middle = grey[80:120, 80:120].astype(int)
         assert np.ptp(middle, axis=-1).max() < 25
-        scene.show(replace(decision(MarginState.POSITIVE, -3.0), stamp=Stamp(0)), {}, 0)
+        scene.show(decision(MarginState.POSITIVE, -3.0)._replace(stamp=Stamp(0)), {}, 0)
         red = view.pixels()
         assert ratio(red, 0) > 8000 and ratio(red, 1) == 0
         # Grey again, but the breach mark is still visible.

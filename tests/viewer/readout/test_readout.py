@@ -53,10 +53,10 @@ def test_structures_have_titles_and_a_far_one_a_lower_bound(parts):
     step = shown.step
     path = step.between_frames
     tumor = StructureStep("tumor", Role.TARGET, step.decision, step.tumor_from_tip, path)
-    wall = replace(tumor, name="chest_wall", role=Role.FORBIDDEN)
+    wall = tumor._replace(name="chest_wall", role=Role.FORBIDDEN)
     values = readout(replace(shown, step=replace(step, structures=(tumor, wall))))
     assert [each["title"] for each in values["structures"]] == ["tumour", "chest wall"]
-    far = replace(wall, at_least_mm=52.9)
+    far = wall._replace(at_least_mm=52.9)
     values = readout(replace(shown, step=replace(step, structures=(tumor, far))))
     assert values["structures"][1]["distance"] == "\N{GREATER-THAN OR EQUAL TO} 52"
 
@@ -125,7 +125,7 @@ def registered(shown, registration, tre_mm):
         DriftBound(translation_mm=1.0, rotation_rad=0.1),
     )
     decision = shown.step.decision
-    decision = replace(decision, margin=replace(decision.margin, tre_mm=tre_mm))
+    decision = decision._replace(margin=decision.margin._replace(tre_mm=tre_mm))
     return replace(
         shown,
         content=replace(shown.content, robot=robot),
@@ -155,7 +155,7 @@ def test_computed_registration_states_what_it_adds(parts):
 def held(shown, state, causes):
     """The same step on a latched hold with these causes, oldest first."""
     reasons = (*shown.step.decision.reasons, Reason.LATCHED)
-    decision = replace(shown.step.decision, state=state, reasons=reasons, hold=True)
+    decision = shown.step.decision._replace(state=state, reasons=reasons, hold=True)
     return replace(shown, step=replace(shown.step, decision=decision, hold_causes=causes))
 
 

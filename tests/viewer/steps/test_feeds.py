@@ -72,7 +72,7 @@ def test_silent_session_has_no_robot_links(parts, live, clock):
 def test_age_of_poses_at_arrival_counts(parts, live, clock):
     step = steps(parts)[0]
     stamp = Stamp(step.frame.stamp.ns - 150 * MS, step.frame.stamp.clock)
-    live.put(replace(step, decision=replace(step.decision, stamp=stamp)), parts.content, None)
+    live.put(replace(step, decision=step.decision._replace(stamp=stamp)), parts.content, None)
     clock.ns = 50 * MS
     assert live.now().step.decision.state is MarginState.NEGATIVE
     clock.ns = 50 * MS + 1
