@@ -75,15 +75,12 @@ class Hold:
             return decision
         faults = [reason for reason in decision.reasons if reason.is_fault]
         doubts = not POSE_DOUBTS.isdisjoint(faults)
-        begun = [each for each in parts or (decision,) if Reason.STARTING not in each.reasons]
-        found = {reason for each in begun for reason in each.reasons if reason.is_fault}
-        lasting = self._started and not found <= {Reason.RECOVERING}
-        self._latched = self._latched or lasting or doubts
+        self._latched = self._latched or doubts or self._lasts(parts or (decision,))
         self._doubted = self._doubted or doubts
-        # A change explains that all is measured anew.
-        explained = {Reason.RECOVERING, Reason.STARTING} if self._changes else {Reason.RECOVERING}
         for reason in faults:
-            if reason not in explained:
+            # A change explains that all is measured anew.
+            explained = reason is Reason.STARTING and self._changes
+            if reason is not Reason.RECOVERING and not explained:
                 self._add_fault(outside.get(reason) or reason.text)
         constraint, reasons = decision.constraint, decision.reasons
         if self._latched:
@@ -95,6 +92,12 @@ class Hold:
             hold=True,
             constraint_is_current=decision.constraint_is_current and not self._doubted,
         )
+
+    def _lasts(self, decisions: Sequence[FixtureDecision]) -> bool:
+        """True if a fault of known data is among ``decisions``; recovery from one is none."""
+        begun = [each for each in decisions if Reason.STARTING not in each.reasons]
+        found = {reason for each in begun for reason in each.reasons if reason.is_fault}
+        return self._started and not found <= {Reason.RECOVERING}
 
     def latch_by_error(self) -> None:
         """Latch the hold after an error in a step: what that would have found is lost."""
