@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from operator import attrgetter
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,6 +31,8 @@ from app.session.setup import RobotSetup
 from app.session.structure import StructureStep, governing_number
 from app.session.tool_distances import ToolDistance
 
+_NOTHING: Mapping[Any, Any] = {}
+
 
 class KnownEdges(NamedTuple):
     """Static edges, measured edges and links of the robot, as the step used them.
@@ -43,8 +44,8 @@ class KnownEdges(NamedTuple):
     """
 
     static: tuple[Transform, ...] = ()
-    measured: Mapping[Edge, TrackedTransform | None] = MappingProxyType({})
-    links: Mapping[str, Transform] = MappingProxyType({})
+    measured: Mapping[Edge, TrackedTransform | None] = _NOTHING
+    links: Mapping[str, Transform] = _NOTHING
     links_stamp: Stamp | None = None
     link_names: frozenset[str] = frozenset()
     base: str = ""

@@ -85,3 +85,10 @@ def test_no_step_is_changed_by_the_next_ones(pickled):
 
 def test_the_pickle_is_smaller_than_that_of_pickle(steps):
     assert len(pickled_steps(steps)) < len(pickle.dumps(steps, pickle.HIGHEST_PROTOCOL))
+
+
+def test_step_without_a_robot_passes_to_a_process_that_draws_it(case):
+    session = Session(replace(setup_from_case(case), robot=None))
+    step = session.step(next(iter(case.frames())))
+    edges = pickle.loads(pickle.dumps(step)).edges
+    assert edges.links == {} and edges.measured.keys() == step.edges.measured.keys()
