@@ -6,7 +6,7 @@ surfaces, so that coordinates stay exact and nothing is encoded in the session's
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -65,37 +65,18 @@ class SessionValues:
 
 def sent_values(values: SessionValues) -> Iterator[bytes]:
     """Yield the bytes from which `received_values` makes ``values``."""
-    tumor, registered = values.tumor, values.registration
-    structures = values.structures
-    yield (
-        json.dumps(
-            {
-                "tool_from_tip": _plain(values.tool_from_tip),
-                "tip_sigma_mm": values.tip_sigma_mm,
-                "frame_from_tumor": _plain(values.frame_from_tumor),
-                "tumor_sigma_mm": values.tumor_sigma_mm,
-                "margins": asdict(values.margins),
-                "tumor": None if tumor is None else _shape(tumor),
-                "registration": None if registered is None else _plain_registration(registered),
-                "items": values.items,
-                "image_depth_mm": values.image_depth_mm,
-                "structures": None
-                if structures is None
-                else [
-                    {
-                        "surface": _shape(each.surface),
-                        "pose": _plain(each.frame_from_structure),
-                        "role": str(each.role),
-                        "distances_mm": [each.stop_mm, each.warn_mm, each.sigma_mm],
-                    }
-                    for each in structures
-                ],
-            }
-        ).encode()
-        + b"\n"
-    )
-    surfaces = [each.surface for each in structures or ()]
-    for surface in surfaces if tumor is None else (tumor, *surfaces):
+    from app.files.plain_values import plain_converter  # slow to load
+
+    surfaces: list[SurfaceMesh] = []
+
+    def shape(surface: SurfaceMesh) -> list[str | int]:
+        surfaces.append(surface)
+        return [surface.frame, len(surface.vertices_mm), len(surface.faces)]
+
+    converter = plain_converter()
+    converter.register_unstructure_hook(SurfaceMesh, shape)
+    yield json.dumps(converter.unstructure(values)).encode() + b"\n"
+    for surface in surfaces:
         yield np.ascontiguousarray(surface.vertices_mm, dtype="<f8").tobytes()
         yield np.ascontiguousarray(surface.faces, dtype="<i4").tobytes()
 
@@ -105,24 +86,14 @@ def received_values(stream: BinaryIO) -> SessionValues:
 
     Raises `InputError` for anything else, also for a stream that ends before.
     """
+    from app.files.plain_values import plain_converter  # slow to load
+
+    converter = plain_converter()
+    # Fields are read in the order in which they were written, and so are their surfaces.
+    converter.register_structure_hook(SurfaceMesh, lambda shape, _: _surface(stream, *shape))
     try:
-        plain = json.loads(stream.readline(_MAX_LINE))
-        registered, depth_mm = plain["registration"], plain["image_depth_mm"]
-        return SessionValues(
-            _transform(plain["tool_from_tip"]),
-            float(plain["tip_sigma_mm"]),
-            _transform(plain["frame_from_tumor"]),
-            float(plain["tumor_sigma_mm"]),
-            MarginEntry(**plain["margins"]),
-            None if plain["tumor"] is None else _surface(stream, *plain["tumor"]),
-            None if registered is None else _registration(registered),
-            {name: dict(keys) for name, keys in plain["items"].items()},
-            None if depth_mm is None else float(depth_mm),
-            None
-            if plain["structures"] is None
-            else tuple(_structure(stream, each) for each in plain["structures"]),
-        )
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        return converter.structure(json.loads(stream.readline(_MAX_LINE)), SessionValues)
+    except Exception as error:  # cattrs has many types for what does not fit
         raise InputError(
             f"values of the session: {type(error).__name__}: {str(error)[:200]}; expected those "
             "that a live session sends"
@@ -141,51 +112,6 @@ def check_frames(values: SessionValues, tool_from_tip: Transform, tumor: Transfo
                 f"{found.source!r} in {found.target!r} as in the session, which began before the "
                 "file was changed"
             )
-
-
-def _shape(surface: SurfaceMesh) -> list[str | int]:
-    return [surface.frame, len(surface.vertices_mm), len(surface.faces)]
-
-
-def _structure(stream: BinaryIO, plain: dict[str, Any]) -> StructureValues:
-    return StructureValues(
-        _surface(stream, *plain["surface"]),
-        _transform(plain["pose"]),
-        str(plain["role"]),
-        *map(float, plain["distances_mm"]),
-    )
-
-
-def _plain(transform: Transform) -> dict[str, Any]:
-    return {
-        "target": transform.target,
-        "source": transform.source,
-        "matrix": transform.matrix.tolist(),
-    }
-
-
-def _transform(plain: dict[str, Any]) -> Transform:
-    matrix = np.array(plain["matrix"], dtype=np.float64)
-    if matrix.shape != (4, 4):
-        raise ValueError(f"a matrix of shape {matrix.shape}")
-    return Transform(plain["target"], plain["source"], matrix[:3, :3], matrix[:3, 3])
-
-
-def _plain_registration(values: RegistrationValues) -> dict[str, Any]:
-    return {
-        "reference_from_base": _plain(values.reference_from_base),
-        "covariance": None if values.covariance is None else values.covariance.tolist(),
-        "degrees_of_freedom": values.degrees_of_freedom,
-    }
-
-
-def _registration(plain: dict[str, Any]) -> RegistrationValues:
-    covariance = plain["covariance"]
-    return RegistrationValues(
-        _transform(plain["reference_from_base"]),
-        None if covariance is None else np.array(covariance, dtype=np.float64),
-        plain["degrees_of_freedom"],
-    )
 
 
 def _surface(stream: BinaryIO, frame: str, vertices: int, faces: int) -> SurfaceMesh:

@@ -8,13 +8,9 @@ import hashlib
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
-from enum import Enum
-from pathlib import Path
-from typing import Any, TypeVar, get_origin
+from typing import Any, TypeVar
 
-import cattrs
-import numpy as np
-
+from app.files.plain_values import plain_converter
 from app.geometry import InputError, MarginGuardError, SurfaceMesh, Transform
 from app.registration import DriftBound, RegistrationResult
 from app.robot import Robot, load_robot
@@ -58,7 +54,7 @@ class SessionWire:
         self._robots: dict[object, Robot] = {}
         self._known: dict[object, Any] = {}
         """Values read before, by their text: an unchanged value stays the same object."""
-        self._converter = _converter()
+        self._converter = plain_converter()
         self._converter.register_unstructure_hook(SurfaceMesh, self._put_mesh)
         self._converter.register_structure_hook(SurfaceMesh, self._mesh)
         for kind in (Transform, ShownItem, RegistrationResult):
@@ -197,38 +193,6 @@ class _RobotValues:
     max_drift: DriftBound
     link_from_tip: Transform | None
     follows_tool: bool
-
-
-def _converter() -> cattrs.Converter:
-    converter = cattrs.Converter(forbid_extra_keys=True, detailed_validation=False)
-    for kind in (bool, int, str):
-        converter.register_structure_hook(kind, _exactly)
-    converter.register_structure_hook(float, _number)
-    converter.register_unstructure_hook(Path, str)
-    converter.register_structure_hook(Path, lambda value, _: Path(_exactly(value, str)))
-    converter.register_unstructure_hook_func(_is_array, lambda value: value.tolist())
-    converter.register_structure_hook_func(
-        _is_array, lambda value, _: np.array(value, dtype=np.float64)
-    )
-    return converter
-
-
-def _exactly(value: Any, kind: type[_Value]) -> _Value:
-    if issubclass(kind, Enum):  # of texts or integers
-        return kind(value)
-    if type(value) is not kind:
-        raise InputError(f"{value!r:.60}: is no {kind.__name__}; expected one")
-    return value
-
-
-def _number(value: Any, _: object) -> float:
-    if type(value) not in (float, int):
-        raise InputError(f"{value!r:.60}: is no number; expected one")
-    return float(value)
-
-
-def _is_array(kind: Any) -> bool:
-    return kind is np.ndarray or get_origin(kind) is np.ndarray
 
 
 def _loaded(text: str) -> Any:
