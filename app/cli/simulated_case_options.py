@@ -12,103 +12,93 @@ if TYPE_CHECKING:
 
 TRACKERS = ("white", "aurora", "trakstar", "polaris")
 
-_DEG = math.pi / 180.0
+_FACTORS = {"DEG": math.pi / 180.0, "MS": 1e-3}
+"""From the unit of an option to that of its value, where they differ."""
 
 
 class _Value(NamedTuple):
-    """An option, the value of `CaseOptions` that it sets, the factor to its unit."""
+    """An option and the value of `CaseOptions` that it sets."""
 
     name: str
     field: str
-    factor: float
     unit: str
     text: str
 
 
 _CASE = (
-    _Value("duration", "duration_s", 1.0, "S", "length, 50 to 5400 s (default: about 75 s)"),
+    _Value("duration", "duration_s", "S", "length, 50 to 5400 s (default: about 75 s)"),
     _Value(
         "tumor-mm",
         "tumor_mm",
-        1.0,
         "MM",
         "largest diameter of the tumour, 8 to 40 mm (default: 25 to 35 mm)",
     ),
 )
 _PATIENT = (
-    _Value("breath-mm", "patient.breath_mm", 1.0, "MM", "tumour's shift at full inspiration"),
-    _Value("breath-hz", "patient.breath_hz", 1.0, "HZ", "breaths per second, 0.1 to 0.5"),
+    _Value("breath-mm", "patient.breath_mm", "MM", "tumour's shift at full inspiration"),
+    _Value("breath-hz", "patient.breath_hz", "HZ", "breaths per second, 0.1 to 0.5"),
     _Value(
         "elongation",
         "patient.elongation",
-        1.0,
         "RATIO",
         "tumour's longest semi-axis over the mean of the others, 1 to 2 (default: 1.28)",
     ),
     _Value(
         "irregularity",
         "patient.irregularity",
-        1.0,
         "FACTOR",
         "height of the tumour's lobes, 0 to 1.25 of the usual one",
     ),
-    _Value("tumor-x-mm", "patient.x_mm", 1.0, "MM", "place, away from the robot, -10 to 10"),
-    _Value("tumor-y-mm", "patient.y_mm", 1.0, "MM", "place, to the robot's left, -10 to 10"),
-    _Value("tumor-z-mm", "patient.z_mm", 1.0, "MM", "place, upwards, -10 to 10"),
+    _Value("tumor-x-mm", "patient.x_mm", "MM", "place, away from the robot, -10 to 10"),
+    _Value("tumor-y-mm", "patient.y_mm", "MM", "place, to the robot's left, -10 to 10"),
+    _Value("tumor-z-mm", "patient.z_mm", "MM", "place, upwards, -10 to 10"),
 )
 _SURGEON = (
     _Value(
         "skill",
         "surgeon.skill",
-        1.0,
         "S",
         "0 (novice) to 1 (expert): entries into the tumour, their depth, pace, evenness "
         "(default: three entries, no other effect)",
     ),
 )
 _TRACKER = (
-    _Value("rate", "tracker.rate_hz", 1.0, "HZ", "rate, 20 to 250 Hz"),
-    _Value("white-mm", "tracker.white.position_rms_mm", 1.0, "MM", "white jitter, RMS"),
-    _Value("white-deg", "tracker.white.angle_rms_rad", _DEG, "DEG", "the same of rotations"),
-    _Value("slow-mm", "tracker.slow.position_rms_mm", 1.0, "MM", "correlated jitter, RMS"),
-    _Value("slow-deg", "tracker.slow.angle_rms_rad", _DEG, "DEG", "the same of rotations"),
-    _Value("correlation-s", "tracker.correlation_s", 1.0, "S", "its correlation time"),
+    _Value("rate", "tracker.rate_hz", "HZ", "rate, 20 to 250 Hz"),
+    _Value("white-mm", "tracker.white.position_rms_mm", "MM", "white jitter, RMS"),
+    _Value("white-deg", "tracker.white.angle_rms_rad", "DEG", "the same of rotations"),
+    _Value("slow-mm", "tracker.slow.position_rms_mm", "MM", "correlated jitter, RMS"),
+    _Value("slow-deg", "tracker.slow.angle_rms_rad", "DEG", "the same of rotations"),
+    _Value("correlation-s", "tracker.correlation_s", "S", "its correlation time"),
     _Value(
         "latency-ms",
         "tracker.latency_s",
-        1e-3,
         "MS",
         "stamps are this late; the calibrated offset of the clocks includes it",
     ),
-    _Value("interval-ms", "tracker.period_sd_s", 1e-3, "MS", "spread of the sample interval"),
-    _Value("stamp-ms", "tracker.stamp_sd_s", 1e-3, "MS", "spread of the stamps"),
-    _Value("quantum-mm", "tracker.position_quantum_mm", 1.0, "MM", "step of positions"),
-    _Value("repeated", "tracker.repeated", 1.0, "SHARE", "frames that repeat the one before"),
-    _Value("skipped", "tracker.skipped", 1.0, "SHARE", "frames that never arrive"),
-    _Value("lost", "tracker.lost", 1.0, "SHARE", "samples that are marked INVALID"),
+    _Value("interval-ms", "tracker.period_sd_s", "MS", "spread of the sample interval"),
+    _Value("stamp-ms", "tracker.stamp_sd_s", "MS", "spread of the stamps"),
+    _Value("quantum-mm", "tracker.position_quantum_mm", "MM", "step of positions"),
+    _Value("repeated", "tracker.repeated", "SHARE", "frames that repeat the one before"),
+    _Value("skipped", "tracker.skipped", "SHARE", "frames that never arrive"),
+    _Value("lost", "tracker.lost", "SHARE", "samples that are marked INVALID"),
     _Value(
         "distortion-mm",
         "tracker.distortion.shift_mm",
-        1.0,
         "MM",
         "distortion of positions at the arm; half of it 60 mm away",
     ),
-    _Value("distortion-deg", "tracker.distortion.turn_rad", _DEG, "DEG", "the same of rotations"),
+    _Value("distortion-deg", "tracker.distortion.turn_rad", "DEG", "the same of rotations"),
 )
 _ERRORS = (
-    _Value("contour-mm", "errors.contour_mm", 1.0, "MM", "error of the tumour's contour, RMS"),
-    _Value("tip-mm", "errors.tip_mm", 1.0, "MM", "error of the tip's calibration"),
-    _Value("tip-deg", "errors.tip_rad", _DEG, "DEG", "error of the tool's calibrated direction"),
-    _Value("needle-mm", "errors.needle_mm", 1.0, "MM", "error of the tumour's place"),
-    _Value("encoder-step-deg", "errors.encoder_step_rad", _DEG, "DEG", "resolution of the joints"),
+    _Value("contour-mm", "errors.contour_mm", "MM", "error of the tumour's contour, RMS"),
+    _Value("tip-mm", "errors.tip_mm", "MM", "error of the tip's calibration"),
+    _Value("tip-deg", "errors.tip_rad", "DEG", "error of the tool's calibrated direction"),
+    _Value("needle-mm", "errors.needle_mm", "MM", "error of the tumour's place"),
+    _Value("encoder-step-deg", "errors.encoder_step_rad", "DEG", "resolution of the joints"),
     _Value(
-        "encoder-offset-deg",
-        "errors.encoder_offset_rad",
-        _DEG,
-        "DEG",
-        "constant error of each joint",
+        "encoder-offset-deg", "errors.encoder_offset_rad", "DEG", "constant error of each joint"
     ),
-    _Value("clock-ms", "errors.clock_s", 1e-3, "MS", "error of the calibrated clock offset"),
+    _Value("clock-ms", "errors.clock_s", "MS", "error of the calibrated clock offset"),
 )
 
 
@@ -148,7 +138,7 @@ def simulated_case_options(parsed: argparse.Namespace) -> "CaseOptions":
         given = getattr(parsed, value.name.replace("-", "_"))
         if given is not None:
             try:
-                options = options.with_values({value.field: value.factor * given})
+                options = options.with_values({value.field: _FACTORS.get(value.unit, 1.0) * given})
             except InputError as error:
                 raise InputError(f"--{value.name} {given:g}: {error}") from error
     return replace(options, surgeon=replace(options.surgeon, fixture=parsed.fixture))
