@@ -1,7 +1,4 @@
-"""Calibrations from a recording: methods, inputs, results; here the declaration of a method.
-
-The files of the methods are loaded whenever a command line is parsed: they import nothing heavy.
-"""
+"""Calibrations from a recording: methods, inputs, results; here the declaration of a method."""
 
 import argparse
 from collections.abc import Callable

@@ -6,43 +6,38 @@ from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from app.cli.calibration import CalibrationMethod, Input
-from app.cli.options import clock_offset_ms, frame_name
-from app.geometry import NS_PER_MS, InputError
+import numpy as np
 
-if TYPE_CHECKING:
-    from app.case import JointSample
-    from app.cli.calibration.calibration_inputs import CalibrationInputs
-    from app.cli.calibration.calibration_result import CalibrationResult
-    from app.geometry import Stamp, Transform
-    from app.registration import RegistrationResult, TimedSignal
-    from app.robot import Robot
-
-
-def _add_other_signal(parser: argparse.ArgumentParser) -> None:
-    """Declare the other signal and the first guess of the offset."""
-    parser.add_argument(
-        "--other", type=Path, metavar="FILE", required=True,
-        help="the other signal: a recording, or a table (.csv) of a time in s and values",
-    )  # fmt: skip
-    parser.add_argument(
-        "--other-tool", type=frame_name, metavar="FRAME",
-        help="the tracked frame of the other recording; default: the only one",
-    )  # fmt: skip
-    _add_first_guess(parser)
+from app.case import JointSample
+from app.cli.calibration.calibration_inputs import (
+    CalibrationInputs,
+    TimeSpan,
+    extract_tool_track,
+    open_recording,
+)
+from app.cli.calibration.calibration_result import CalibrationResult, Residuals
+from app.files.numbers import SIGNAL_ENDING, read_signal
+from app.geometry import NS_PER_MS, InputError, Stamp, Transform
+from app.registration import (
+    RegistrationResult,
+    TimedSignal,
+    estimate_time_offset,
+    predict_tre,
+    select_poses,
+    solve_robot_world,
+)
+from app.robot import Robot
+from app.runtime import register_case
+from app.session import load_case_robot, tip_signals
 
 
-def find_lag(inputs: "CalibrationInputs") -> "CalibrationResult":
+def find_lag(inputs: CalibrationInputs) -> CalibrationResult:
     """Estimate how much more the clock of the other signal reads than the recording's.
 
     One signal is fitted as a linear function of the one with more values. So positions by a tracker
     explain the position of a line in a video, whatever the pose of the camera and its scale.
     """
-    from app.cli.calibration.calibration_result import CalibrationResult
-    from app.registration import TimedSignal, estimate_time_offset
-
     track = inputs.tool_track
     first = TimedSignal.from_positions(track.samples)
     second, notes = _other_signal(inputs)
@@ -68,13 +63,7 @@ def find_lag(inputs: "CalibrationInputs") -> "CalibrationResult":
     )
 
 
-def _other_signal(inputs: "CalibrationInputs") -> "tuple[TimedSignal, tuple[str, ...]]":
-    import numpy as np
-
-    from app.cli.calibration.calibration_inputs import TimeSpan, extract_tool_track, open_recording
-    from app.files.numbers import SIGNAL_ENDING, read_signal
-    from app.registration import TimedSignal
-
+def _other_signal(inputs: CalibrationInputs) -> tuple[TimedSignal, tuple[str, ...]]:
     path: Path = inputs.options.other
     if path.suffix.lower() == SIGNAL_ENDING:
         times, values = read_signal(path)
@@ -89,23 +78,11 @@ def _other_signal(inputs: "CalibrationInputs") -> "tuple[TimedSignal, tuple[str,
     return TimedSignal.from_positions(track.samples), track.notes
 
 
-def _add_first_guess(parser: argparse.ArgumentParser) -> None:
-    """Declare the first guess of the offset."""
-    parser.add_argument(
-        "--around-ms", type=clock_offset_ms, default=0.0, metavar="MS",
-        help="first guess of the offset, for clocks that started at different times",
-    )  # fmt: skip
-
-
-def find_time_offset(inputs: "CalibrationInputs") -> "CalibrationResult":
+def find_time_offset(inputs: CalibrationInputs) -> CalibrationResult:
     """Estimate what to add to the robot's time, from the tip's motion as both measured it.
 
     The offset that the case states is not used.
     """
-    from app.cli.calibration.calibration_result import CalibrationResult
-    from app.registration import estimate_time_offset
-    from app.session import tip_signals
-
     # Apply the guess while reading, so that frames pair joints with poses of the same time.
     around_ns = round(inputs.options.around_ms * NS_PER_MS)
     shifted = inputs.case.with_joint_offset(around_ns)
@@ -134,14 +111,8 @@ MAX_JOINT_GAP_NS = 100_000_000
 """Largest interval between two joint samples within which joints are interpolated."""
 
 
-def find_robot_base(inputs: "CalibrationInputs") -> "CalibrationResult":
+def find_robot_base(inputs: CalibrationInputs) -> CalibrationResult:
     """Compute ``reference_from_<base>`` and the mount of the sensor on the robot's tool link."""
-    import numpy as np
-
-    from app.cli.calibration.calibration_result import CalibrationResult, Residuals
-    from app.registration import predict_tre, select_poses, solve_robot_world
-    from app.session import load_case_robot
-
     recording, track = inputs.recording, inputs.tool_track
     case = recording.case
     if case is None or case.manifest.robot is None or not case.has_joints:
@@ -208,8 +179,8 @@ def find_robot_base(inputs: "CalibrationInputs") -> "CalibrationResult":
 
 
 def _link_pose_at(
-    robot: "Robot", link: str, joints: "Sequence[JointSample]", stamp: "Stamp"
-) -> "Transform | None":
+    robot: Robot, link: str, joints: Sequence[JointSample], stamp: Stamp
+) -> Transform | None:
     """``root_from_link`` at ``stamp``, interpolated between the samples before and after it.
 
     None if one of them does not exist or if they are more than `MAX_JOINT_GAP_NS` apart.
@@ -226,10 +197,8 @@ def _link_pose_at(
     return first.interpolate(second, (stamp.ns - before.stamp.ns) / gap_ns)
 
 
-def robot_base_of_case(options: argparse.Namespace) -> "CalibrationResult":
+def robot_base_of_case(options: argparse.Namespace) -> CalibrationResult:
     """Register the robot of a case as its manifest specifies."""
-    from app.runtime import register_case
-
     registered = register_case(options.case, package_dirs=options.package_dirs)
     offset = registered.clock
     notes = () if offset is None else (f"clock offset estimated: {offset.reason}",)
@@ -237,10 +206,8 @@ def robot_base_of_case(options: argparse.Namespace) -> "CalibrationResult":
 
 
 def _as_calibration_result(
-    registration: "RegistrationResult", notes: tuple[str, ...]
-) -> "CalibrationResult":
-    from app.cli.calibration.calibration_result import CalibrationResult, Residuals
-
+    registration: RegistrationResult, notes: tuple[str, ...]
+) -> CalibrationResult:
     residuals = None
     numbers: dict[str, float] = {}
     if len(registration.residuals_mm):
@@ -269,29 +236,3 @@ def _as_calibration_result(
         residuals=residuals,
         notes=notes,
     )
-
-
-METHODS = (
-    CalibrationMethod(
-        name="hand-eye",
-        summary="the base of a robot that held a tracked sensor in many poses",
-        inputs=frozenset({Input.TOOL_TRACK, Input.JOINTS}),
-        run=find_robot_base,
-    ),
-    CalibrationMethod(
-        name="lag",
-        summary="how much the clock of another signal of the same motion reads more",
-        inputs=frozenset({Input.TOOL_TRACK}),
-        run=find_lag,
-        add_arguments=_add_other_signal,
-        finds_clock_offset=True,
-    ),
-    CalibrationMethod(
-        name="time",
-        summary="how much the tracker's clock reads more than the robot's",
-        inputs=frozenset({Input.JOINTS}),
-        run=find_time_offset,
-        add_arguments=_add_first_guess,
-        finds_clock_offset=True,
-    ),
-)

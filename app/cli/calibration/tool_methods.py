@@ -1,28 +1,29 @@
 """Methods of ``marginguard calibrate`` with a tracked tool: pivot, spin, landmarks of a phantom."""
 
-import argparse
 import math
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING
 
-from app.cli.calibration import CalibrationMethod, Input
-from app.cli.options import frame_name
-from app.geometry import InputError
+import numpy as np
 
-if TYPE_CHECKING:
-    from app.cli.calibration.calibration_inputs import CalibrationInputs
-    from app.cli.calibration.calibration_result import CalibrationResult
-    from app.geometry import FloatArray
-    from app.registration import LandmarkDetection
+from app.cli.calibration.calibration_inputs import CalibrationInputs, tip_frame_of
+from app.cli.calibration.calibration_result import CalibrationResult, Residuals
+from app.files import read_landmarks
+from app.geometry import FloatArray, InputError
+from app.registration import (
+    LandmarkDetection,
+    calibrate_pivot,
+    calibrate_spin,
+    detect_landmarks,
+    predict_tre,
+    register_points,
+    select_pivot_poses,
+    select_poses,
+    tip_transform,
+)
 
 
-def find_tip(inputs: "CalibrationInputs") -> "CalibrationResult":
+def find_tip(inputs: CalibrationInputs) -> CalibrationResult:
     """Compute ``tool_from_tip``, with +z along the line from the sensor to the tip."""
-    from app.cli.calibration.calibration_inputs import tip_frame_of
-    from app.cli.calibration.calibration_result import CalibrationResult, Residuals
-    from app.registration import calibrate_pivot, select_pivot_poses
-
     track = inputs.tool_track
     poses = track.poses
     selected = select_pivot_poses(poses)
@@ -54,13 +55,8 @@ def find_tip(inputs: "CalibrationInputs") -> "CalibrationResult":
     )
 
 
-def find_shaft(inputs: "CalibrationInputs") -> "CalibrationResult":
+def find_shaft(inputs: CalibrationInputs) -> CalibrationResult:
     """Compute ``tool_from_tip`` with +z along the shaft; the origin is that of the known tip."""
-    import numpy as np
-
-    from app.cli.calibration.calibration_result import CalibrationResult, Residuals
-    from app.registration import calibrate_spin, select_poses, tip_transform
-
     track, tool_from_tip = inputs.tool_track, inputs.tool_from_tip
     poses = track.poses
     # By angle only: a sensor close to the shaft hardly moves during a spin.
@@ -95,25 +91,8 @@ def find_shaft(inputs: "CalibrationInputs") -> "CalibrationResult":
     )
 
 
-def _add_phantom(parser: argparse.ArgumentParser) -> None:
-    """Declare the options that describe the phantom."""
-    parser.add_argument(
-        "--landmarks", type=Path, metavar="FILE",
-        help="the phantom's landmarks: YAML or Slicer's .mrk.json",
-    )  # fmt: skip
-    parser.add_argument(
-        "--phantom", type=frame_name, default="phantom", metavar="FRAME",
-        help="name of the phantom's frame (%(default)s)",
-    )  # fmt: skip
-
-
-def find_phantom(inputs: "CalibrationInputs") -> "CalibrationResult":
+def find_phantom(inputs: CalibrationInputs) -> CalibrationResult:
     """Compute ``reference_from_<phantom>`` from dwells in any order."""
-    import numpy as np
-
-    from app.cli.calibration.calibration_result import CalibrationResult, Residuals
-    from app.registration import detect_landmarks, predict_tre, register_points
-
     track, tool_from_tip = inputs.tool_track, inputs.tool_from_tip
     landmarks_mm = _read_landmarks(inputs)
     tips = [
@@ -164,10 +143,8 @@ def find_phantom(inputs: "CalibrationInputs") -> "CalibrationResult":
     )
 
 
-def _read_landmarks(inputs: "CalibrationInputs") -> "dict[str, FloatArray]":
+def _read_landmarks(inputs: CalibrationInputs) -> dict[str, FloatArray]:
     """Landmark positions (3,) in mm in the phantom's frame, by name."""
-    from app.files import read_landmarks
-
     if inputs.options.landmarks is not None:
         return read_landmarks(inputs.options.landmarks)
     if inputs.plus_configuration is not None:
@@ -177,7 +154,7 @@ def _read_landmarks(inputs: "CalibrationInputs") -> "dict[str, FloatArray]":
     )
 
 
-def _match_notes(detection: "LandmarkDetection") -> list[str]:
+def _match_notes(detection: LandmarkDetection) -> list[str]:
     match = detection.match
     if not match.accepted:
         return []
@@ -188,26 +165,3 @@ def _match_notes(detection: "LandmarkDetection") -> list[str]:
         position = ", ".join(f"{value:.1f}" for value in detection.dwells[dwell].position_mm)
         notes.append(f"dwell {dwell + 1} at ({position}) is on no landmark")
     return notes
-
-
-METHODS = (
-    CalibrationMethod(
-        name="pivot",
-        summary="the tip of a tool that was turned about it",
-        inputs=frozenset({Input.TOOL_TRACK}),
-        run=find_tip,
-    ),
-    CalibrationMethod(
-        name="spin",
-        summary="the shaft of a tool that was turned about it",
-        inputs=frozenset({Input.TOOL_TRACK, Input.TIP}),
-        run=find_shaft,
-    ),
-    CalibrationMethod(
-        name="landmarks",
-        summary="a phantom whose landmarks a stylus dwelt on, in any order",
-        inputs=frozenset({Input.TOOL_TRACK, Input.TIP}),
-        run=find_phantom,
-        add_arguments=_add_phantom,
-    ),
-)

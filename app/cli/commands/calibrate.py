@@ -9,17 +9,20 @@ printed and nothing is saved; 2 on bad input.
 import argparse
 import math
 import time
+from collections.abc import Callable
 from functools import partial
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from app.case import recording_kinds
-from app.cli.calibration import CalibrationMethod, Input, robot_methods, tool_methods
+from app.cli.calibration import CalibrationMethod, Input
 from app.cli.options import (
     add_case,
     add_json,
     add_package_dirs,
     age_ms,
+    clock_offset_ms,
     frame_name,
     input_argument,
     number,
@@ -32,7 +35,89 @@ if TYPE_CHECKING:
 
 
 SUMMARY = "calibrate a tool, a phantom, a robot's base or a clock from a recording"
-METHODS = (*tool_methods.METHODS, *robot_methods.METHODS)
+
+
+def _in(module: str, function: str) -> Callable[[Any], "CalibrationResult"]:
+    """A function of the package of calibrations, which is loaded when it is called."""
+    return lambda given: getattr(import_module(f"app.cli.calibration.{module}"), function)(given)
+
+
+def _add_first_guess(parser: argparse.ArgumentParser) -> None:
+    """Declare the first guess of the offset."""
+    parser.add_argument(
+        "--around-ms", type=clock_offset_ms, default=0.0, metavar="MS",
+        help="first guess of the offset, for clocks that started at different times",
+    )  # fmt: skip
+
+
+def _add_phantom(parser: argparse.ArgumentParser) -> None:
+    """Declare the options that describe the phantom."""
+    parser.add_argument(
+        "--landmarks", type=Path, metavar="FILE",
+        help="the phantom's landmarks: YAML or Slicer's .mrk.json",
+    )  # fmt: skip
+    parser.add_argument(
+        "--phantom", type=frame_name, default="phantom", metavar="FRAME",
+        help="name of the phantom's frame (%(default)s)",
+    )  # fmt: skip
+
+
+def _add_other_signal(parser: argparse.ArgumentParser) -> None:
+    """Declare the other signal and the first guess of the offset."""
+    parser.add_argument(
+        "--other", type=Path, metavar="FILE", required=True,
+        help="the other signal: a recording, or a table (.csv) of a time in s and values",
+    )  # fmt: skip
+    parser.add_argument(
+        "--other-tool", type=frame_name, metavar="FRAME",
+        help="the tracked frame of the other recording; default: the only one",
+    )  # fmt: skip
+    _add_first_guess(parser)
+
+
+METHODS = (
+    CalibrationMethod(
+        name="pivot",
+        summary="the tip of a tool that was turned about it",
+        inputs=frozenset({Input.TOOL_TRACK}),
+        run=_in("tool_methods", "find_tip"),
+    ),
+    CalibrationMethod(
+        name="spin",
+        summary="the shaft of a tool that was turned about it",
+        inputs=frozenset({Input.TOOL_TRACK, Input.TIP}),
+        run=_in("tool_methods", "find_shaft"),
+    ),
+    CalibrationMethod(
+        name="landmarks",
+        summary="a phantom whose landmarks a stylus dwelt on, in any order",
+        inputs=frozenset({Input.TOOL_TRACK, Input.TIP}),
+        run=_in("tool_methods", "find_phantom"),
+        add_arguments=_add_phantom,
+    ),
+    CalibrationMethod(
+        name="hand-eye",
+        summary="the base of a robot that held a tracked sensor in many poses",
+        inputs=frozenset({Input.TOOL_TRACK, Input.JOINTS}),
+        run=_in("robot_methods", "find_robot_base"),
+    ),
+    CalibrationMethod(
+        name="lag",
+        summary="how much the clock of another signal of the same motion reads more",
+        inputs=frozenset({Input.TOOL_TRACK}),
+        run=_in("robot_methods", "find_lag"),
+        add_arguments=_add_other_signal,
+        finds_clock_offset=True,
+    ),
+    CalibrationMethod(
+        name="time",
+        summary="how much the tracker's clock reads more than the robot's",
+        inputs=frozenset({Input.JOINTS}),
+        run=_in("robot_methods", "find_time_offset"),
+        add_arguments=_add_first_guess,
+        finds_clock_offset=True,
+    ),
+)
 
 
 def add_arguments(parser: CommandParser) -> None:
@@ -61,7 +146,7 @@ def add_arguments(parser: CommandParser) -> None:
     add_debug(subparser)
     add_case(subparser)
     _add_outputs(subparser)
-    subparser.set_defaults(find=robot_methods.robot_base_of_case, clock_offset=False)
+    subparser.set_defaults(find=_in("robot_methods", "robot_base_of_case"), clock_offset=False)
 
 
 def _add_recording(parser: argparse.ArgumentParser, *, with_joints: bool) -> None:
