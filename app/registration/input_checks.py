@@ -3,6 +3,8 @@
 An error is never replaced by a default result: there is no transform then.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -86,6 +88,12 @@ SIGMAS_MM = (1e-6, 1e6)
 
 MAX_SCALE_RATIO = 2.0
 """Maximum ratio of the extents of two lists of the same landmarks; beyond it the units differ."""
+
+
+def check_positive(value: float, what: str) -> None:
+    """Raise `ShapeError` unless ``value`` is a finite number above 0."""
+    if not (math.isfinite(value) and value > 0.0):
+        raise ShapeError(f"{what} is {value}; expected a finite number above 0")
 
 
 def as_points(values: ArrayLike, what: str) -> FloatArray:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from app.geometry import FloatArray, Transform
 from app.registration.consensus import find_consensus
-from app.registration.input_checks import DegenerateMotionError, ShapeError
+from app.registration.input_checks import DegenerateMotionError, check_positive
 from app.registration.pivot_fit import (
     MIN_POSES,
     NOMINAL_NOISE,
@@ -140,10 +140,7 @@ def calibrate_pivot(
     >>> result.accepted, bool(np.linalg.norm(result.tip_mm - tip) < 0.5)
     (True, True)
     """
-    if not (math.isfinite(max_tip_sigma_mm) and max_tip_sigma_mm > 0.0):
-        raise ShapeError(
-            f"max_tip_sigma_mm is {max_tip_sigma_mm}; expected a finite number above 0"
-        )
+    check_positive(max_tip_sigma_mm, "max_tip_sigma_mm")
     poses = PoseStack.from_poses(reference_from_tool, "a pivot", min_count=MIN_POSES)
     _check_rotations(poses)
 

@@ -33,6 +33,7 @@ from app.registration.input_checks import (
     TooFewError,
     UnequalCountsError,
     as_floats,
+    check_positive,
 )
 
 MAX_COMPARED = 150
@@ -153,12 +154,8 @@ class PoseNoise:
     translation_mm: float
 
     def __post_init__(self) -> None:
-        for name in ("rotation_rad", "translation_mm"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ShapeError(
-                    f"{name} of the pose noise is {value}; expected a finite number above 0"
-                )
+        check_positive(self.rotation_rad, "rotation_rad of the pose noise")
+        check_positive(self.translation_mm, "translation_mm of the pose noise")
 
     @classmethod
     def from_rms(cls, *, rotation_deg: float, translation_mm: float) -> "PoseNoise":

@@ -32,6 +32,7 @@ from app.registration.input_checks import (
     TooFewError,
     as_covariances,
     as_points,
+    check_positive,
     check_spread,
 )
 from app.registration.registration_result import RegistrationResult
@@ -202,12 +203,8 @@ class AcceptanceLimits:
     leave_one_out_mm: float = 5.0
 
     def __post_init__(self) -> None:
-        for name in ("tre_mm", "leave_one_out_mm"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0.0):
-                raise ShapeError(
-                    f"{name} of the acceptance limits is {value}; expected a finite number above 0"
-                )
+        check_positive(self.tre_mm, "tre_mm of the acceptance limits")
+        check_positive(self.leave_one_out_mm, "leave_one_out_mm of the acceptance limits")
 
 
 def evaluate_acceptance(
@@ -263,12 +260,8 @@ class DriftBound:
     rotation_rad: float
 
     def __post_init__(self) -> None:
-        for name in ("translation_mm", "rotation_rad"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ShapeError(
-                    f"{name} of a drift bound is {value}; expected a finite number above 0"
-                )
+        check_positive(self.translation_mm, "translation_mm of a drift bound")
+        check_positive(self.rotation_rad, "rotation_rad of a drift bound")
 
 
 @dataclass(frozen=True, slots=True)

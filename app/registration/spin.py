@@ -15,7 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from app.geometry import FloatArray, Transform
 from app.registration.consensus import find_consensus
-from app.registration.input_checks import DegenerateMotionError, ShapeError, as_point
+from app.registration.input_checks import (
+    DegenerateMotionError,
+    ShapeError,
+    as_point,
+    check_positive,
+)
 from app.registration.pose_stack import PoseStack, fit_covariance
 from app.registration.registration_result import checked_covariance, read_only
 
@@ -78,8 +83,7 @@ def calibrate_spin(
     `TooFewError`, `FrameError`, `DegenerateMotionError` (one pose repeated, too little rotation,
     axis across the line to the tip) or `NoConsensusError` (no majority rotates about one axis).
     """
-    if not (math.isfinite(max_sigma_rad) and max_sigma_rad > 0.0):
-        raise ShapeError(f"max_sigma_rad is {max_sigma_rad}; expected a finite number above 0")
+    check_positive(max_sigma_rad, "max_sigma_rad")
     tip = as_point(tip_mm, "tip_mm")
     poses = PoseStack.from_poses(reference_from_tool, "a spin", min_count=MIN_POSES)
     poses.relative_rotations("a spin")

@@ -16,8 +16,8 @@ from app.geometry import NS_PER_MS, NS_PER_S, FloatArray
 from app.registration.consensus import student_quantile
 from app.registration.input_checks import (
     FlatSignalError,
-    ShapeError,
     TooFewError,
+    check_positive,
 )
 from app.registration.pose_stack import TimedSignal
 
@@ -100,9 +100,8 @@ def estimate_time_offset(
     Raises `FlatSignalError` for a signal without motion, `TooFewError` for too few samples or too
     short an overlap, `ShapeError` for limits out of range.
     """
-    for name, value in (("search_s", search_s), ("max_half_width_s", max_half_width_s)):
-        if not (math.isfinite(value) and value > 0.0):
-            raise ShapeError(f"{name} is {value}; expected a finite number above 0")
+    check_positive(search_s, "search_s")
+    check_positive(max_half_width_s, "max_half_width_s")
     _check_motion(a, "a")
     _check_motion(b, "b")
     alignment = _Alignment.from_signals(a, b, around_ns, search_s)

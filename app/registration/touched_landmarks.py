@@ -27,6 +27,7 @@ from app.registration.input_checks import (
     TooFewError,
     as_point,
     as_points,
+    check_positive,
     check_spread,
 )
 from app.registration.paired_points import fit_rigid
@@ -255,8 +256,7 @@ def match_landmarks(
     than three pairs or fewer than half of the dwells are assigned, or if two assignments of that
     size fit within the tolerance; the reason then lists both.
     """
-    if not (math.isfinite(tolerance_mm) and tolerance_mm > 0.0):
-        raise ShapeError(f"tolerance_mm is {tolerance_mm}; expected a finite number above 0")
+    check_positive(tolerance_mm, "tolerance_mm")
     names = tuple(landmarks_mm)
     dwells = as_points(dwells_mm, "dwells_mm")
     landmarks = np.vstack(
