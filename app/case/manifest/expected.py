@@ -6,7 +6,7 @@ frame of the recording.
 
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import yaml
 
@@ -165,27 +165,13 @@ def read_expected(document: Section, *, reference: str, robot_base: str) -> Expe
 
 def write_expected(path: Path, expected: Expected) -> None:
     """Write ``expected`` atomically, so that `load_expected` reads the same values."""
-    document: dict[str, Any] = {}
+    values = asdict(replace(expected, registration=None))
     if expected.registration is not None:
         pose = expected.registration.reference_from_base
-        document["registration"] = {
+        values["registration"] = {
             "reference_from_base": pose.matrix.ravel().tolist(),
             "tolerance_mm": expected.registration.tolerance_mm,
             "tolerance_deg": expected.registration.tolerance_deg,
         }
-    if expected.breaches is not None:
-        document["breaches"] = _plain(expected.breaches)
-    if expected.structures:
-        document["structures"] = [
-            {"name": each.name, "breaches": _plain(each.breaches)} for each in expected.structures
-        ]
-    if expected.dropouts:
-        document["dropouts"] = [asdict(each) for each in expected.dropouts]
-    if expected.frames is not None:
-        document["frames"] = expected.frames
+    document = {key: values[key] for key in EXPECTED.keys if values[key] not in (None, ())}
     write_file(path, yaml.safe_dump(document, sort_keys=False).encode())
-
-
-def _plain(breaches: ExpectedBreaches) -> dict[str, Any]:
-    values = asdict(breaches)
-    return {**values, "intervals": list(values["intervals"])}
