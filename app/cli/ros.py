@@ -1,15 +1,9 @@
-"""Load ROS for a command, and publish a replay with it."""
+"""Load ROS for a command."""
 
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
 from app.files.extras import install_hint
 from app.geometry import InputError
-
-if TYPE_CHECKING:
-    from app.runtime import ReplayRun
 
 
 def load_ros(remark: str) -> None:
@@ -28,13 +22,3 @@ def load_ros(remark: str) -> None:
         ) from error
     check_security()
     print(prepare_environment(), file=sys.stderr)
-
-
-@contextmanager
-def published(run: "ReplayRun", *, real_time: bool) -> Iterator[None]:
-    """Within the context the steps of ``run`` are published and ROS controls its player."""
-    load_ros("or --no-ros to replay without it")
-    from app.bridge import replay_node
-
-    with replay_node(run, real_time=real_time):
-        yield

@@ -10,7 +10,7 @@ import json
 import os
 import sys
 import time
-from contextlib import ExitStack, nullcontext
+from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from app.cli.bag_writing import BagProcess, bag_of
@@ -26,7 +26,7 @@ from app.cli.options import (
 from app.cli.process import GcPause, SignalState, note_signals
 from app.cli.progress import with_progress
 from app.cli.replay_report import ReplayReport, Stopwatch, summary_text
-from app.cli.ros import published
+from app.cli.ros import load_ros
 from app.cli.scene_picture import MOVIE, PICTURE, SCENE, VIDEO, ScenePainter
 from app.files import check_output_path, write_file
 from app.files.extras import check_installed
@@ -168,8 +168,12 @@ def _replay(
             contexts.enter_context(
                 bag_of(bag, replay, options.mcap, lambda: received.number is None)
             )
-        real_time = options.rate is not None
-        with nullcontext() if options.no_ros else published(replay, real_time=real_time):
+        with ExitStack() as node:
+            if not options.no_ros:
+                load_ros("or --no-ros to replay without it")
+                from app.bridge import replay_node
+
+                node.enter_context(replay_node(replay, real_time=options.rate is not None))
             for _ in with_progress(
                 replay.steps(), "replaying frame", total=_frames(replay, options)
             ):
