@@ -13,8 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from app.cohort.columns import COLUMNS, LOST, Row
-from app.files.atomic_io import write_file
-from app.geometry import InputError
+from app.files.atomic_io import write_file, writing
 
 PARTITION_CASES = 64
 CASES_FOLDER = "cases"
@@ -72,28 +71,23 @@ class Dataset:
 
     def open(self) -> FinishedRows:
         """Create the folder where it is missing; read what earlier runs have finished."""
-        try:
+        with writing(self.folder):
             (self.folder / CASES_FOLDER).mkdir(parents=True, exist_ok=True)
             self._end_last_line()
-        except OSError as error:
-            raise InputError(f"{self.folder} cannot be written: {error.strerror}") from error
         return FinishedRows(self._tables(), self._journal_rows())
 
     def append(self, row: Row) -> None:
         """Add the row of a finished case to the journal; raises `InputError` and leaves no half."""
         line = json.dumps(row, allow_nan=False).encode() + b"\n"
-        try:
-            with self._journal.open("ab", buffering=0) as file:
-                size = file.tell()
-                try:
-                    written = file.write(line)
-                    if written != len(line):
-                        raise OSError(28, "No space left on device")
-                except OSError:
-                    file.truncate(size)
-                    raise
-        except OSError as error:
-            raise InputError(f"{self._journal} cannot be written: {error.strerror}") from error
+        with writing(self._journal), self._journal.open("ab", buffering=0) as file:
+            size = file.tell()
+            try:
+                written = file.write(line)
+                if written != len(line):
+                    raise OSError(28, "No space left on device")
+            except OSError:
+                file.truncate(size)
+                raise
 
     def write_partition(self, number: int, rows: Sequence[Row], pending: Iterable[Row]) -> None:
         """Write a partition whose cases are all done; ``pending`` rows stay in the journal."""
