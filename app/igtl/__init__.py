@@ -1,6 +1,6 @@
 """OpenIGTLink: tracked transforms with their status from a PLUS server, or sent as by one.
 
-`wire` does no input or output; `IgtlSource` and `PoseServer` own sockets and a thread.
+`framing` does no input or output; `IgtlSource` and `PoseServer` own sockets and a thread.
 """
 
 import lazy_loader

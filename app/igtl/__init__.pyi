@@ -1,3 +1,4 @@
+from .framing import Header, IgtlError, Unread, read_string
 from .image_messages import (
     MAX_IMAGE_BODY_BYTES,
     DeviceImages,
@@ -8,9 +9,8 @@ from .image_messages import (
     receive_images,
     send_images,
 )
+from .pose_messages import PoseServer
 from .source import IgtlSource, SampleQueue
-from .tracked_poses import PoseServer
-from .wire import Header, IgtlError, Unread, read_string
 
 __all__ = [
     "MAX_IMAGE_BODY_BYTES",

@@ -2,7 +2,7 @@
 
 The body is a header of 72 bytes and the pixels, column after column of the first row, then the next
 row. The header has the directions of columns, rows and slices, each as long as the pixel, and the
-place of the middle of the image. `wire` says why the messages of pyigtl are not used.
+place of the middle of the image. `framing` says why the messages of pyigtl are not used.
 """
 
 import socket
@@ -22,7 +22,7 @@ from app.geometry import (
     ImageStatus,
     MarginGuardError,
 )
-from app.igtl.wire import (
+from app.igtl.framing import (
     Header,
     IgtlContentError,
     IgtlError,

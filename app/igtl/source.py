@@ -13,9 +13,7 @@ from contextlib import suppress
 from typing import Self
 
 from app.geometry import NS_PER_S, TrackedTransform
-from app.igtl.image_messages import MAX_IMAGE_BODY_BYTES
-from app.igtl.tracked_poses import TYPES, PoseReader
-from app.igtl.wire import (
+from app.igtl.framing import (
     MAX_STRING_BODY_BYTES,
     IgtlError,
     IgtlFramingError,
@@ -24,6 +22,8 @@ from app.igtl.wire import (
     Unread,
     start_tracking_request,
 )
+from app.igtl.image_messages import MAX_IMAGE_BODY_BYTES
+from app.igtl.pose_messages import TYPES, PoseReader
 
 SILENCE_S = 5.0
 """Silence after which a server counts as lost; PLUS sends a keep-alive message every 0.5 s."""

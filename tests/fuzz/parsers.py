@@ -36,9 +36,9 @@ from app.files.paths import shipped
 from app.files.transforms import read_hdf5_matrices
 from app.files.yaml_file import load_yaml
 from app.geometry import ImageCalibration, InputError, MarginGuardError, image_corners
+from app.igtl.framing import MessageStream, Refusals
 from app.igtl.image_messages import MAX_IMAGE_BODY_BYTES, ImageReader
-from app.igtl.tracked_poses import TYPES, PoseReader
-from app.igtl.wire import MessageStream, Refusals
+from app.igtl.pose_messages import TYPES, PoseReader
 from app.robot import load_robot, robot_from_text
 from app.robot.ambf import bodies_from_mesh_map
 from app.robot.mesh_locator import read_robot_mesh

@@ -9,8 +9,8 @@ import pyigtl
 import pytest
 
 from app.cli.main import build_parser, main
+from app.igtl.framing import IgtlError, Refusals
 from app.igtl.image_messages import receive_images, send_images
-from app.igtl.wire import IgtlError, Refusals
 from tests.case.images.sequences import CALIBRATION, frame_fields, some_pixels, write_metafile
 
 

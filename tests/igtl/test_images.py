@@ -9,8 +9,7 @@ from pyigtl.messages import MessageBase
 
 from app.geometry import ImageSample, ImageStatus, Stamp
 from app.igtl import MAX_IMAGE_BODY_BYTES, ImageReader, ReceivedImage, image_message
-from app.igtl.image_messages import TYPES
-from app.igtl.wire import (
+from app.igtl.framing import (
     IgtlContentError,
     IgtlStampError,
     MessageStream,
@@ -18,6 +17,7 @@ from app.igtl.wire import (
     pack_message,
     read_header,
 )
+from app.igtl.image_messages import TYPES
 
 MATRIX = np.array([[0.1, 0.02, 0, 5], [0, 0.09, 0.3, -7], [0.01, 0, 0.2, 11], [0, 0, 0, 1.0]])
 SHAPES = {"uint8": (6, 9), "int16": (5, 4), "uint16": (3, 3), "rgb": (4, 7, 3)}

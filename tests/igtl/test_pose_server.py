@@ -9,8 +9,8 @@ import pytest
 
 from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
 from app.igtl import IgtlSource, PoseServer
-from app.igtl.tracked_poses import MAX_CLIENTS, transform_message
-from app.igtl.wire import IgtlError
+from app.igtl.framing import IgtlError
+from app.igtl.pose_messages import MAX_CLIENTS, transform_message
 from tests.waiting import wait_until
 
 STAMP = Stamp(1_700_000_000_123_456_789)

@@ -12,8 +12,8 @@ import pytest
 
 from app.geometry import Stamp, TrackedTransform, TrackingStatus
 from app.igtl import Header, IgtlError, IgtlSource, read_image
+from app.igtl.framing import IgtlChecksumError, start_tracking_request
 from app.igtl.source import Backoff
-from app.igtl.wire import IgtlChecksumError, start_tracking_request
 from tests.igtl.conftest import PyigtlServer, pose
 from tests.oracles.pyigtl_peer import message
 from tests.waiting import DEADLINE_S

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.igtl.wire import IgtlFramingError, MessageStream, Refusals
+from app.igtl.framing import IgtlFramingError, MessageStream, Refusals
 from tests.igtl.conftest import pose
 from tests.oracles.pyigtl_peer import message
 

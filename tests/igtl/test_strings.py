@@ -4,7 +4,7 @@ import pyigtl
 import pytest
 
 from app.igtl import read_string
-from app.igtl.wire import HEADER_BYTES, IgtlContentError, IgtlError, pack_message, read_header
+from app.igtl.framing import HEADER_BYTES, IgtlContentError, IgtlError, pack_message, read_header
 
 
 def parts(packet: bytes) -> tuple[object, bytes]:

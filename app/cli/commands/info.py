@@ -238,7 +238,7 @@ def _receive_images(options: argparse.Namespace) -> int:
     """Print the images of a server until it closes the connection."""
     from app.geometry import InputError, image_corners
     from app.igtl import receive_images
-    from app.igtl.wire import Refusals
+    from app.igtl.framing import Refusals
 
     host, _, port = options.sequence.removeprefix(_IGTL).rpartition(":")
     if not (port.isascii() and port.isdigit() and 0 < int(port) < 1 << 16 and host):

@@ -202,7 +202,7 @@ def _commands(options: argparse.Namespace) -> list[tuple[str, ...]]:
 
 def _check_names(port: int | None, description: "WorldDescription") -> None:
     """Raise `InputError` for a world whose tracker cannot be sent over OpenIGTLink."""
-    from app.igtl.tracked_poses import MAX_NAME_BYTES
+    from app.igtl.pose_messages import MAX_NAME_BYTES
     from app.simulation import TRACKER_FRAME
 
     if port is None:

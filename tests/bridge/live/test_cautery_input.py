@@ -7,7 +7,7 @@ from std_msgs.msg import Bool
 from app.bridge.live.sources import IgtlActivation, TopicActivation
 from app.bridge.topics import STREAM, Topic
 from app.case import Activation, ActivationTrail
-from app.igtl.wire import HEADER_BYTES, Header, read_header
+from app.igtl.framing import HEADER_BYTES, Header, read_header
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow

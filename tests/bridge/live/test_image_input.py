@@ -23,8 +23,8 @@ from app.geometry import (
     TrackedTransform,
     Transform,
 )
+from app.igtl.framing import HEADER_BYTES, read_header
 from app.igtl.image_messages import image_message as igtl_message
-from app.igtl.wire import HEADER_BYTES, read_header
 from app.runtime import ImageDepth, ImageDescription, StepTiming
 from app.session import LiveImages
 from tests.case.images.sequences import some_pixels

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pyigtl.messages import CRC64, MessageBase
 
-from app.igtl.wire import (
+from app.igtl.framing import (
     IgtlContentError,
     IgtlError,
     IgtlFramingError,

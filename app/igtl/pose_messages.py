@@ -11,7 +11,7 @@ TDATA     one per element     ``<name>Status``                      header, for 
 ``ToolToTracker`` is the frame ``tool`` in ``tracker``. Numbers are mm along the server's axes
 and are not converted. A name has 20 bytes at most. PLUS truncates longer names, which then refer
 to a frame that does not exist (``...ToReferenc``).
-`wire` says why the messages of pyigtl are not used.
+`framing` says why the messages of pyigtl are not used.
 """
 
 import math
@@ -35,7 +35,7 @@ from app.geometry import (
     join_transform_name,
     split_transform_name,
 )
-from app.igtl.wire import (
+from app.igtl.framing import (
     IgtlContentError,
     IgtlError,
     IgtlLimitError,

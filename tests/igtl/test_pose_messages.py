@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from app.geometry import TrackedTransform, TrackingStatus
-from app.igtl.tracked_poses import MAX_EDGES, TYPES, PoseReader
-from app.igtl.wire import MessageStream, Refusals
+from app.igtl.framing import MessageStream, Refusals
+from app.igtl.pose_messages import MAX_EDGES, TYPES, PoseReader
 from tests.igtl.conftest import pose
 from tests.oracles.pyigtl_peer import message
 
