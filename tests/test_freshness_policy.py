@@ -9,8 +9,8 @@ import pytest
 from app.bridge.control.twist_allowance import allowance_of
 from app.bridge.publishing.diagnostics import Diagnostics
 from app.bridge.robot_description import FUTURE_TOLERANCE_NS, RobotSettings, pose_limits
-from app.bridge.robots import JointFollower, TfFollower
-from app.bridge.tf import Lookup, TransformBuffer
+from app.bridge.robots import JointFollower
+from app.bridge.tf import Lookup
 from app.case import TrackingFrame
 from app.fixture import (
     FixtureDecision,
@@ -122,14 +122,6 @@ def followed_with_one_current_joint(stamp_ns: int) -> bool:
     return not follower.state(NOW_NS).is_stale
 
 
-def followed_by_tf(stamp_ns: int) -> bool:
-    robot, buffer = robot_from_text(URDF), TransformBuffer()
-    for joint in robot.joints:
-        pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-        buffer.insert(joint.parent, joint.child, stamp_ns, pose)
-    return not TfFollower(robot, ROBOT, buffer).state(NOW_NS).is_stale
-
-
 def looked_up_in_slicer(stamp_ns: int) -> bool:
     from ROS2Lib.tf2_nodes import vtkMRMLROS2Tf2LookupNode
 
@@ -151,7 +143,6 @@ USERS: dict[Callable[[int], bool], FreshnessLimits] = {
     allows_motion: STRICT,
     followed_by_joints: OTHER_HOSTS,
     followed_with_one_current_joint: OTHER_HOSTS,
-    followed_by_tf: OTHER_HOSTS,
     looked_up_in_slicer: OTHER_HOSTS,
 }
 

@@ -7,7 +7,6 @@ text is untrusted input: see `app.robot.robot_from_text`.
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
@@ -25,11 +24,8 @@ from app.bridge.ros_errors import (
 )
 from app.bridge.topics import LATCHED, Topic
 from app.geometry import NS_PER_MS, FreshnessLimits, MarginGuardError, check_frame
-from app.robot import Robot, bodies_from_mesh_map, robot_from_text
+from app.robot import Robot, robot_from_text
 
-DEFAULT_NODE = "robot_state_publisher"
-DESCRIPTION = "robot_description"
-JOINT_STATES = "joint_states"
 STALE_AFTER_NS = 500 * NS_PER_MS
 FUTURE_TOLERANCE_NS = 50 * NS_PER_MS
 """Largest lead of the stamp of a joint state or of tf over this node's clock: the clocks of two
@@ -50,19 +46,22 @@ def pose_limits(stale_after_ns: int) -> FreshnessLimits:
     )
 
 
+def absolute(name: str) -> str:
+    """``name`` of a topic, with the ``/`` that it may lack."""
+    return name if name.startswith("/") else f"/{name}"
+
+
 @dataclass(frozen=True, slots=True)
 class RobotSettings:
-    """ROS names of a robot's description and state.
+    """Names of a robot and its links.
 
-    ``namespace`` prefixes the names of its topics and nodes. ``tf_prefix`` prefixes the names of
-    its links in tf; a ``/`` between them is added if missing. ``fixed_frame`` is the unprefixed tf
-    frame of its poses; if empty it is the prefixed root link. A state older than
-    ``stale_after_ns`` is stale. Raises `FollowError` for an empty name and a limit that is not
-    positive.
+    ``tf_prefix`` prefixes the names of its links in tf; a ``/`` between them is added if missing.
+    ``fixed_frame`` is the unprefixed tf frame of its poses; if empty it is the prefixed root link.
+    A state older than ``stale_after_ns`` is stale. Raises `FollowError` for an empty name and a
+    limit that is not positive.
     """
 
     name: str
-    namespace: str = ""
     tf_prefix: str = ""
     fixed_frame: str = ""
     stale_after_ns: int = STALE_AFTER_NS
@@ -70,7 +69,7 @@ class RobotSettings:
     def __post_init__(self) -> None:
         if not self.name.strip():
             raise FollowError(f"robot name is {self.name!r}; expected a name that is not blank")
-        for text in (self.namespace.strip("/"), self.tf_prefix.rstrip("/"), self.fixed_frame):
+        for text in (self.tf_prefix.rstrip("/"), self.fixed_frame):
             if text:
                 check_frame(text)
         if self.stale_after_ns <= 0:
@@ -84,13 +83,6 @@ class RobotSettings:
         """When the state is too old, and how far its stamp may be ahead."""
         return pose_limits(self.stale_after_ns)
 
-    def topic(self, name: str) -> str:
-        """Absolute name of a topic or node of this robot; one with a leading ``/`` is unchanged."""
-        if name.startswith("/"):
-            return name
-        namespace = self.namespace.strip("/")
-        return f"/{namespace}/{name}" if namespace else f"/{name}"
-
     def frame(self, link: str) -> str:
         """Name of the tf frame of a link."""
         prefix = self.tf_prefix.rstrip("/")
@@ -103,36 +95,15 @@ class RobotSettings:
 
 @dataclass(frozen=True, slots=True)
 class DescriptionSource:
-    """Parameter of a node and topic that provide a description; an empty name disables one.
+    """Parameter of a node, or a topic, that provides a description; an empty name disables one.
 
-    Names without a leading ``/`` are in the robot's namespace. Meshes must be in one of
-    ``package_dirs`` or ``allowed_dirs``.
+    ``load(text)`` makes the robot; it raises `MarginGuardError`.
     """
 
-    node: str = DEFAULT_NODE
-    parameter: str = DESCRIPTION
-    topic: str = DESCRIPTION
-    package_dirs: tuple[str | Path, ...] = ()
-    allowed_dirs: tuple[str | Path, ...] = ()
-
-    def load(self, text: str) -> Robot:
-        """Load a robot from URDF text; raises `MarginGuardError`."""
-        return robot_from_text(text, package_dirs=self.package_dirs, allowed_dirs=self.allowed_dirs)
-
-
-@dataclass(frozen=True, slots=True)
-class MeshMapSource(DescriptionSource):
-    """Parameter with the mesh map of AMBF, which defines free bodies placed by tf."""
-
-    node: str = "/ambf"
-    parameter: str = "/ambf/rigid_body_mesh_path_map"
+    node: str = ""
+    parameter: str = ""
     topic: str = ""
-
-    def load(self, text: str) -> Robot:
-        """Load bodies from ``name:path;name:path``; raises `MarginGuardError`."""
-        return bodies_from_mesh_map(
-            text, package_dirs=self.package_dirs, allowed_dirs=self.allowed_dirs
-        )
+    load: Callable[[str], Robot] = robot_from_text
 
 
 class DescriptionListener:
@@ -164,10 +135,10 @@ class DescriptionListener:
         self._client: ParameterClient | None = None
         self._subscription: Subscription | None = None
         if source.topic:
-            topic = Topic(settings.topic(source.topic), String, LATCHED)
+            topic = Topic(absolute(source.topic), String, LATCHED)
             self._subscription = ros.subscribe(topic, self._take_message, raw=True)
         if source.node:
-            self._client = ParameterClient(ros, settings.topic(source.node))
+            self._client = ParameterClient(ros, source.node)
             self._client.watch(self._take_change)
         ros.on_close(self.close)
         self._thread = threading.Thread(

@@ -1,31 +1,24 @@
-"""Follow a robot on the ROS graph: the poses of its links, from joint states or from tf."""
+"""Follow a robot on the ROS graph: the poses of its links, from joint states."""
 
 import math
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from rclpy.qos import qos_profile_sensor_data
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
 from app.bridge.messages import ns_of
-from app.bridge.node import RosNode
-from app.bridge.robot_description import (
-    DescriptionListener,
-    DescriptionSource,
-    RobotSettings,
-)
+from app.bridge.robot_description import RobotSettings
 from app.bridge.ros_errors import TfError
 from app.bridge.tf import TransformBuffer
-from app.bridge.topics import Topic
 from app.geometry import NS_PER_MS, FloatArray, Freshness, FreshnessLimits, freshness_of
 from app.robot import JointError, Robot
 
 _NAMES_SHOWN = 5
 
-MAX_JOINT_STATE_BYTES = 1 << 18
+_MAX_BYTES = 1 << 18
 """Room for thousands of joints."""
 
 
@@ -39,7 +32,6 @@ class RobotState:
     them make the poses stale.
     """
 
-    root: str
     links: tuple[str, ...]
     poses: FloatArray | None
     stamp_ns: int | None
@@ -69,7 +61,7 @@ class _Sample:
 
 
 class JointFollower:
-    """Computes link poses from joint states. `take` and `state` may run in different threads.
+    """Computes link poses from joint states. `receive` and `state` may run in different threads.
 
     A joint state may contain a subset of the joints, as an arm and its gripper have separate
     drivers. Each joint keeps its latest position, and the state is as old as the oldest position it
@@ -79,10 +71,10 @@ class JointFollower:
     positions, or at the newest transform if that is older, which the state's stamp then is. Without
     a buffer, such a frame is reported as a problem.
 
-    Invalid messages are ignored, counted in `refused` and listed in the state's problems: duplicate
-    names, different numbers of names and positions, a stamp of 0. Names of unknown joints are
-    listed as a problem. The state is stale while a joint has no position, a position that is not
-    finite, too old, or from the future.
+    Messages over 256 kB are ignored and counted in `refused`, as are invalid ones, which the
+    state's problems list: duplicate names, different numbers of names and positions, a stamp of 0.
+    Names of unknown joints are listed as a problem. The state is stale while a joint has no
+    position, a position that is not finite, too old, or from the future.
     """
 
     def __init__(
@@ -102,6 +94,14 @@ class JointFollower:
         self._refusal = ""
         self._unknown_joints = ""
         self._last: tuple[FloatArray, int | None] | None = None
+
+    def receive(self, raw: bytes) -> None:
+        """Process a serialised ``JointState``."""
+        if len(raw) > _MAX_BYTES:
+            self.refused += 1
+            return
+        message: JointState = deserialize_message(raw, JointState)
+        self.take(message.name, message.position, ns_of(message.header.stamp))
 
     def take(self, names: Sequence[str], positions: Sequence[float], stamp_ns: int) -> None:
         """Process one message; positions are in rad, or m for prismatic joints."""
@@ -142,9 +142,7 @@ class JointFollower:
             ]
             if future:
                 problems.append(f"joints whose position is from the future: {_some(future)}")
-        return RobotState(
-            self._root, self._links, poses_now, stamp_now, bool(problems), (*problems, *notes)
-        )
+        return RobotState(self._links, poses_now, stamp_now, bool(problems), (*problems, *notes))
 
     def _oldest(self, samples: dict[str, _Sample], stamp_ns: int | None) -> str:
         """The joint or transform that the pose is as old as, in parentheses; else empty."""
@@ -230,104 +228,3 @@ def _refusal_of(names: Sequence[str], positions: Sequence[float], stamp_ns: int)
 def _some(names: Sequence[str]) -> str:
     shown = ", ".join(name[:60] for name in names[:_NAMES_SHOWN])
     return f"{shown} and {len(names) - _NAMES_SHOWN} more" if len(names) > _NAMES_SHOWN else shown
-
-
-class TfFollower:
-    """Reads the links' poses from ``buffer``, which a `TfListener` fills. Not thread-safe."""
-
-    def __init__(self, robot: Robot, settings: RobotSettings, buffer: TransformBuffer) -> None:
-        self._settings = settings
-        self._buffer = buffer
-        self._root = settings.root_frame(robot)
-        self._links = tuple(link.name for link in robot.links)
-        self._frames = tuple(settings.frame(name) for name in self._links)
-        self._last: tuple[FloatArray, int | None] | None = None
-
-    def state(self, now_ns: int) -> RobotState:
-        """Poses at the latest common time of all links; stale with the previous ones on error."""
-        problem = ""
-        try:
-            self._last = self._buffer.poses(self._root, self._frames)
-            self._last[0].flags.writeable = False
-        except TfError as error:
-            problem = str(error)
-        poses, stamp_ns = self._last or (None, None)
-        old = age_problem(stamp_ns, now_ns, self._settings.freshness_limits)
-        problems = tuple(filter(None, (problem, old)))
-        return RobotState(self._root, self._links, poses, stamp_ns, bool(problems), problems)
-
-
-class FollowedRobot:
-    """Follows the links of a robot through tf or joint states.
-
-    ``described_by`` is the robot, or the source of its description on the graph. ``joint_states``
-    is the topic to follow; if it is empty the links follow tf. The caller's `TfListener` fills
-    ``buffer``, which all robots share. A new description restarts the robot and calls
-    ``changed(robot)`` in another thread. ``received()`` is called in the node's thread after every
-    joint state; for tf use that of the listener.
-    """
-
-    def __init__(
-        self,
-        ros: RosNode,
-        settings: RobotSettings,
-        buffer: TransformBuffer,
-        described_by: Robot | DescriptionSource,
-        *,
-        joint_states: str = "",
-        changed: Callable[[Robot], None] | None = None,
-        received: Callable[[], None] | None = None,
-    ) -> None:
-        self.settings = settings
-        self.refused = 0
-        self.description: DescriptionListener | None = None
-        self._buffer = buffer
-        self._from_joints = bool(joint_states)
-        self._changed = changed
-        self._received = received
-        self._robot: Robot | None = None
-        self._follower: TfFollower | JointFollower | None = None
-        if self._from_joints:
-            topic = Topic(settings.topic(joint_states), JointState, qos_profile_sensor_data)
-            ros.subscribe(topic, self._take_joints, raw=True)
-        if isinstance(described_by, Robot):
-            self._follow(described_by)
-        else:
-            self.description = DescriptionListener(ros, settings, described_by, self._follow)
-
-    @property
-    def robot(self) -> Robot | None:
-        """Robot of the latest valid description; None before the first."""
-        return self._robot
-
-    def state(self, now_ns: int) -> RobotState:
-        """Poses of the links at their latest common time; ``now_ns`` decides if they are stale."""
-        follower = self._follower
-        if follower is None:
-            problem = self.description.problem if self.description is not None else ""
-            return RobotState("", (), None, None, True, (problem,))
-        return follower.state(now_ns)
-
-    def _follow(self, robot: Robot) -> None:
-        # Set the robot first: another thread that reads a state then finds its robot.
-        self._robot = robot
-        self._follower = (
-            JointFollower(robot, self.settings, self._buffer)
-            if self._from_joints
-            else TfFollower(robot, self.settings, self._buffer)
-        )
-        if self._changed is not None:
-            self._changed(robot)
-
-    def _take_joints(self, raw: bytes) -> None:
-        follower = self._follower
-        if not isinstance(follower, JointFollower):
-            return
-        if len(raw) > MAX_JOINT_STATE_BYTES:
-            self.refused += 1
-            return
-        message: JointState = deserialize_message(raw, JointState)
-        stamp = message.header.stamp
-        follower.take(message.name, message.position, ns_of(stamp))
-        if self._received is not None:
-            self._received()

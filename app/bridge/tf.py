@@ -14,10 +14,9 @@ from app.bridge.ros_errors import (
     TfInvalidError,
     TfLookupError,
 )
-from app.bridge.tf_poses import IDENTITY, Pose, compose, interpolate, inverse, matrices
+from app.bridge.tf_poses import IDENTITY, Pose, compose, interpolate, inverse
 from app.geometry import (
     NS_PER_S,
-    FloatArray,
     StampHistory,
     Transform,
     chain_to_root,
@@ -134,26 +133,6 @@ class TransformBuffer:
         transform = Transform.from_quaternion(pose[3:], pose[:3], target=target, source=source)
         return Lookup(transform, stamp_ns)
 
-    def poses(
-        self, root: str, frames: Sequence[str], stamp_ns: int | None = None
-    ) -> tuple[FloatArray, int | None]:
-        """Look up ``root_from_frame`` of all ``frames`` at one common time; raises as `lookup`.
-
-        Returns matrices (n, 4, 4) in mm and their stamp, None if all edges are static.
-        """
-        with self._lock:
-            needed: set[str] = set()
-            for frame in frames:
-                up, down = self._path(root, frame)
-                needed.update(up, down)
-            if stamp_ns is None:
-                stamp_ns = self._latest_ns(needed)
-            known: dict[str, Pose] = {}
-            tops = [self._in_top(frame, needed, stamp_ns, known) for frame in frames]
-            root_from_top = inverse(self._in_top(root, needed, stamp_ns, known))
-        values = [compose(root_from_top, pose) for pose in tops]
-        return matrices(values), stamp_ns
-
     def attachments(self, frame: str, known: Collection[str]) -> frozenset[str]:
         """Frames of ``known`` that edges connect with ``frame``, without passing another of them.
 
@@ -236,23 +215,6 @@ class TransformBuffer:
         pose = IDENTITY
         for child in children:
             pose = compose(self._edge_at(child, stamp_ns), pose)
-        return pose
-
-    def _in_top(
-        self, frame: str, needed: set[str], stamp_ns: int | None, known: dict[str, Pose]
-    ) -> Pose:
-        """``top_from_frame``, composed of the edges above the ``needed`` children.
-
-        The top is the first ancestor that is not in ``needed``. ``known`` caches shared results.
-        """
-        chain = []
-        while frame in needed and frame not in known:
-            chain.append(frame)
-            frame = self._edges[frame].parent
-        pose = known.get(frame, IDENTITY)
-        for child in reversed(chain):
-            pose = compose(pose, self._edge_at(child, stamp_ns))
-            known[child] = pose
         return pose
 
     def _edge_at(self, child: str, stamp_ns: int | None) -> Pose:

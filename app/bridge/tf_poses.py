@@ -9,15 +9,13 @@ millisecond with rclpy's message objects and a small part of that here.
 
 import math
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import NamedTuple, TypeAlias
-
-import numpy as np
 
 from app.bridge.messages import MM_PER_M
 from app.bridge.ros_errors import TfInvalidError
 from app.case.messages.decoder import tf_reader
-from app.geometry import NS_PER_S, FloatArray, rotations_of_quaternions
+from app.geometry import NS_PER_S
 
 Pose: TypeAlias = tuple[float, float, float, float, float, float, float]
 
@@ -97,17 +95,6 @@ def interpolate(first: Pose, second: Pose, fraction: float) -> Pose:
         scale * r,
         scale * s,
     )
-
-
-def matrices(poses: Sequence[Pose]) -> FloatArray:
-    """Homogeneous matrices (n, 4, 4) in mm, by the Euler-Rodrigues formula."""
-    values = np.array(poses, dtype=np.float64).reshape(-1, 7)
-    norms = np.linalg.norm(values[:, 3:], axis=1, keepdims=True)
-    result = np.zeros((len(values), 4, 4))
-    result[:, :3, :3] = rotations_of_quaternions(values[:, 3:] / norms)
-    result[:, :3, 3] = values[:, :3]
-    result[:, 3, 3] = 1.0
-    return result
 
 
 class TfSample(NamedTuple):

@@ -88,14 +88,15 @@ class IgtlOutput:
     def send(self, frame: int) -> int:
         from pyigtl import TransformMessage
 
-        from app.bridge.tf_poses import matrices
+        from app.geometry import Transform
 
         first_ns = 0
         for body, name in enumerate(self._frames):
             stamp_ns = time.time_ns()
             first_ns = first_ns or stamp_ns
-            (matrix,) = matrices([body_pose(body, frame)])
-            message = TransformMessage(matrix, device_name=name, timestamp=stamp_ns / NS_PER_S)
+            x, y, z, *quaternion = body_pose(body, frame)
+            pose = Transform.from_quaternion(quaternion, (x, y, z), target="tracker", source=name)
+            message = TransformMessage(pose.matrix, device_name=name, timestamp=stamp_ns / NS_PER_S)
             self._server.send_message(message, wait=False)
         return first_ns
 

@@ -13,11 +13,10 @@ from app.bridge import RosNode
 from app.bridge.robot_description import (
     DescriptionListener,
     DescriptionSource,
-    MeshMapSource,
     RobotSettings,
 )
 from app.geometry import MarginGuardError
-from app.robot import Robot, load_robot
+from app.robot import Robot, bodies_from_mesh_map, load_robot, robot_from_text
 from app.runtime.thread_handover import LatestValue
 from ROS2Lib.member import Member, Owner, Ros2Error
 from ROS2Lib.parameter import vtkMRMLROS2ParameterNode
@@ -84,11 +83,10 @@ def description(
     if source == FILE:
         return FileDescription(name, loaded)
     if source == TOPIC:
-        graph = DescriptionSource(node="", parameter="", topic=name)
-    elif source == MESH_MAP:
-        graph = MeshMapSource(f"/{node.strip('/')}", name)
+        graph = DescriptionSource(topic=name)
     else:
-        graph = DescriptionSource(f"/{node.strip('/')}", name, topic="")
+        load = bodies_from_mesh_map if source == MESH_MAP else robot_from_text
+        graph = DescriptionSource(f"/{node.strip('/')}", name, load=load)
     return DescriptionListener(ros, settings, graph, loaded)
 
 

@@ -5,14 +5,12 @@ from typing import Any
 
 import numpy as np
 from rclpy.qos import qos_profile_sensor_data
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from slicer import vtkMRMLLinearTransformNode, vtkMRMLModelDisplayNode, vtkMRMLModelNode
 from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
-from app.bridge.messages import ns_of
-from app.bridge.robot_description import RobotSettings
-from app.bridge.robots import MAX_JOINT_STATE_BYTES, JointFollower
+from app.bridge.robot_description import RobotSettings, absolute
+from app.bridge.robots import JointFollower
 from app.bridge.topics import Topic
 from app.geometry import Transform
 from app.robot import Robot
@@ -170,7 +168,7 @@ class JointLinks(_Links):
         moving = [node for node in self.nodes.values() if node is not self._base]
         self._integrity.record((*moving, *self.models))
         self._subscription: Any = owner.ros.subscribe(
-            Topic(settings.topic(topic), JointState, qos_profile_sensor_data), self._take, raw=True
+            Topic(absolute(topic), JointState, qos_profile_sensor_data), self._take, raw=True
         )
 
     def problem(self) -> str:
@@ -210,11 +208,8 @@ class JointLinks(_Links):
 
     def _take(self, raw: bytes) -> None:
         """Take one message. Runs in the node's thread."""
-        if len(raw) <= MAX_JOINT_STATE_BYTES:
-            message: JointState = deserialize_message(raw, JointState)
-            stamp_ns = ns_of(message.header.stamp)
-            self._follower.take(message.name, message.position, stamp_ns)
-            self._owner.wake()
+        self._follower.receive(raw)
+        self._owner.wake()
 
 
 COLOUR = (0.0, 1.0, 1.0)

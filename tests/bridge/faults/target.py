@@ -34,7 +34,7 @@ def main() -> None:
         description = DescriptionListener(
             ros,
             RobotSettings("robot"),
-            DescriptionSource(node="", topic="/robot_description"),
+            DescriptionSource(topic="/robot_description"),
             lambda robot: robots.append(robot.root_link),
         )
         print("listening", flush=True)
