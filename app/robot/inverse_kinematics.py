@@ -18,77 +18,6 @@ from app.geometry.rotations import vector_of_rotation
 from app.robot.elements import Joint, JointError, UnreachableError
 from app.robot.kinematic_tree import KinematicTree
 
-
-class Descent:
-    """Descends from joint positions to a pose of ``link``; ``names`` are the joints that move it.
-
-    Raises `JointError` for an unknown link.
-    """
-
-    def __init__(self, tree: KinematicTree, link: str, names: Sequence[str]) -> None:
-        self._tree, self._names = tree, tuple(names)
-        joints = [tree.driver_of(each) if each.moves else ("", 0.0) for each in tree.joints]
-        drivers = [names.index(driver) if driver in names else -1 for driver, _ in joints]
-        self._moving = [joint.name if joint.moves else None for joint in tree.joints]
-        self._before: tuple[Any, ...] = (
-            np.array(drivers, np.int64),
-            np.array([gain for _, gain in joints]),
-        )
-        self._arrays = tree.compiled_arrays(link, self._names)
-
-    def run(
-        self,
-        fixed: Mapping[str, float],
-        start: FloatArray,
-        bounds: tuple[FloatArray, FloatArray],
-        goal: Transform,
-        weight: float,
-        options: "IkOptions",
-        min_cost_drop: float,
-    ) -> tuple[FloatArray, FloatArray] | None:
-        """The positions (n,) of a local minimum, and its error (6,), mm and ``weight`` times rad.
-
-        None if a pose on the way is not finite. ``fixed`` are positions of other joints, ``bounds``
-        the limits (n,) of the joints.
-        """
-        from app.robot.link_kernel import descend  # slow
-
-        base = self._tree.complete_positions({**fixed, **dict.fromkeys(self._names, 0.0)})
-        offsets = np.array([0.0 if name is None else base[name] for name in self._moving])
-        found, error = np.empty(len(start)), np.empty(6)
-        kernel: Any = descend  # its types are numba's
-        finite = kernel(
-            np.ascontiguousarray(start, dtype=np.float64),
-            *bounds,
-            goal.matrix,
-            offsets,
-            *self._before,
-            *self._arrays,
-            weight,
-            options.tolerance_mm,
-            options.tolerance_rad,
-            options.max_iterations,
-            min_cost_drop,
-            found,
-            error,
-        )
-        return (found, error) if finite else None
-
-
-_of_tree: "WeakKeyDictionary[KinematicTree, dict[str, Descent]]" = WeakKeyDictionary()
-
-
-def descent_of(tree: KinematicTree, link: str, names: Sequence[str]) -> Descent:
-    """The descent to poses of ``link``, made once for each tree.
-
-    An arm that follows a path asks thousands of times.
-    """
-    descents = _of_tree.setdefault(tree, {})
-    if link not in descents:
-        descents[link] = Descent(tree, link, names)
-    return descents[link]
-
-
 MM_PER_RAD = 100.0
 """Weight of angles against lengths in the minimised error: 1 rad counts as 100 mm."""
 
@@ -146,26 +75,38 @@ class _Attempt:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class _Chain:
-    """The actuated joints that move a link, in order, and their limits (n,)."""
+    """The actuated joints that move a link, in order, their limits (n,), and compiled arrays.
 
-    drivers: tuple[Joint, ...]
-    names: list[str]
-    lower: FloatArray
-    upper: FloatArray
+    ``moving`` has the name of each moving joint of the tree, None for the others, ``arrays`` the
+    arguments of `link_kernel.descend` that are the same for all goals.
+    """
+
+    def __init__(self, tree: KinematicTree, link: str) -> None:
+        self.names = tree.drivers_to(link)
+        self.drivers = tuple(tree.joint(name) for name in self.names)
+        self.lower, self.upper = _limits(tree, link, self.drivers, self.names)
+        self.moving = [joint.name if joint.moves else None for joint in tree.joints]
+        leaders = [tree.driver_of(each) if each.moves else ("", 0.0) for each in tree.joints]
+        columns = [self.names.index(name) if name in self.names else -1 for name, _ in leaders]
+        self.arrays: tuple[Any, ...] = (
+            np.array(columns, np.int64),
+            np.array([gain for _, gain in leaders]),
+            *tree.compiled_arrays(link, tuple(self.names)),
+        )
 
 
 _chains: WeakKeyDictionary[KinematicTree, dict[str, _Chain]] = WeakKeyDictionary()
 
 
 def _chain_to(tree: KinematicTree, link: str) -> _Chain:
-    """The joints that move ``link``, found once for each tree."""
+    """The joints that move ``link``, found once for each tree.
+
+    An arm that follows a path asks thousands of times.
+    """
     chains = _chains.setdefault(tree, {})
     if link not in chains:
-        names = tree.drivers_to(link)
-        drivers = tuple(tree.joint(name) for name in names)
-        chains[link] = _Chain(drivers, names, *_limits(tree, link, drivers, names))
+        chains[link] = _Chain(tree, link)
     return chains[link]
 
 
@@ -199,11 +140,10 @@ class _Problem:
     def __init__(
         self, tree: KinematicTree, link: str, goal: Transform, fixed: Mapping[str, float]
     ) -> None:
-        chain = _chain_to(tree, link)
         self.tree, self.link, self.goal = tree, link, goal
-        self.drivers, self.names = chain.drivers, chain.names
+        self.chain = _chain_to(tree, link)
+        self.names, self.lower, self.upper = self.chain.names, self.chain.lower, self.chain.upper
         self.fixed = {name: value for name, value in fixed.items() if name not in self.names}
-        self.lower, self.upper = chain.lower, chain.upper
 
     def matrices(self, positions: FloatArray) -> FloatArray:
         given = {**self.fixed, **dict(zip(self.names, positions.tolist(), strict=True))}
@@ -240,20 +180,32 @@ class _Problem:
 
     def minimise(self, start: FloatArray, options: IkOptions) -> _Attempt:
         """Descend from ``start`` to a local minimum of the error within the limits."""
-        if not self.tree.dependent and self.names:
-            found = descent_of(self.tree, self.link, self.names).run(
-                self.fixed,
-                start,
-                (self.lower, self.upper),
-                self.goal,
-                MM_PER_RAD,
-                options,
-                MIN_COST_DROP,
-            )
-            if found is not None:
-                positions, error = found
-                return _Attempt(positions, np.empty((0, 4, 4)), error, float(error @ error))
-        return self.minimise_uncompiled(start, options)
+        if self.tree.dependent or not self.names:
+            return self.minimise_uncompiled(start, options)
+        from app.robot.link_kernel import descend  # slow
+
+        base = self.tree.complete_positions({**self.fixed, **dict.fromkeys(self.names, 0.0)})
+        offsets = np.array([0.0 if name is None else base[name] for name in self.chain.moving])
+        positions, error = np.empty(len(start)), np.empty(6)
+        kernel: Any = descend  # its types are numba's
+        is_finite = kernel(
+            np.ascontiguousarray(start, dtype=np.float64),
+            self.lower,
+            self.upper,
+            self.goal.matrix,
+            offsets,
+            *self.chain.arrays,
+            MM_PER_RAD,
+            options.tolerance_mm,
+            options.tolerance_rad,
+            options.max_iterations,
+            MIN_COST_DROP,
+            positions,
+            error,
+        )
+        if not is_finite:
+            return self.minimise_uncompiled(start, options)
+        return _Attempt(positions, np.empty((0, 4, 4)), error, float(error @ error))
 
     def minimise_uncompiled(self, start: FloatArray, options: IkOptions) -> _Attempt:
         """`minimise` for any tree: in one with closed loops the poses need a search of their own.
@@ -332,7 +284,7 @@ def inverse_kinematics(
             f"{best.residual_rad:.3g} rad away"
         )
     found = dict(zip(problem.names, best.positions.tolist(), strict=True))
-    for joint in problem.drivers:
+    for joint in problem.chain.drivers:
         if math.isinf(joint.lower) and not joint.slides:
             start = seed.get(joint.name, 0.0)
             found[joint.name] = start + math.remainder(found[joint.name] - start, math.tau)
