@@ -56,28 +56,28 @@ def capsule(radius: float, height: float) -> Surface:
     return revolved(np.concatenate([radii[::-1], radii]), np.concatenate([-heights[::-1], heights]))
 
 
-def revolved(radii: FloatArray, heights: FloatArray) -> Surface:
+def revolved(radii: FloatArray, heights: FloatArray, sides: int = SIDES) -> Surface:
     """Return the surface of a profile rotated about z.
 
-    ``radii`` (n,) begin and end with 0; ``heights`` (n,) increase.
+    ``radii`` (n,) begin and end with 0; ``heights`` (n,) increase. A circle has ``sides`` corners.
     """
-    angle = np.linspace(0.0, math.tau, SIDES, endpoint=False)
-    ring = np.stack([np.cos(angle), np.sin(angle), np.zeros(SIDES)], axis=1)
+    angle = np.linspace(0.0, math.tau, sides, endpoint=False)
+    ring = np.stack([np.cos(angle), np.sin(angle), np.zeros(sides)], axis=1)
     rings = [
         ring * radius + (0.0, 0.0, height)
         for radius, height in zip(radii[1:-1], heights[1:-1], strict=True)
     ]
     poles = np.array([[0.0, 0.0, heights[0]], [0.0, 0.0, heights[-1]]])
-    corner = np.arange(SIDES)
-    following = (corner + 1) % SIDES
-    bottom, top = len(rings) * SIDES, len(rings) * SIDES + 1
-    last = (len(rings) - 1) * SIDES
-    faces = [np.stack([np.full(SIDES, bottom), following, corner], axis=1)]
-    for low in range(0, last, SIDES):
-        up = low + SIDES
+    corner = np.arange(sides)
+    following = (corner + 1) % sides
+    bottom, top = len(rings) * sides, len(rings) * sides + 1
+    last = (len(rings) - 1) * sides
+    faces = [np.stack([np.full(sides, bottom), following, corner], axis=1)]
+    for low in range(0, last, sides):
+        up = low + sides
         faces.append(np.stack([low + corner, low + following, up + following], axis=1))
         faces.append(np.stack([low + corner, up + following, up + corner], axis=1))
-    faces.append(np.stack([last + corner, last + following, np.full(SIDES, top)], axis=1))
+    faces.append(np.stack([last + corner, last + following, np.full(sides, top)], axis=1))
     return np.concatenate([*rings, poles]), np.concatenate(faces)
 
 

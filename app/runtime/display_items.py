@@ -26,6 +26,7 @@ from app.case import (
     stale_after_ns,
 )
 from app.geometry import FloatArray, FrameError, InputError, SurfaceMesh, Transform
+from app.robot.primitives import revolved
 from app.session import LiveImages
 
 if TYPE_CHECKING:
@@ -41,22 +42,9 @@ def pointed_rod(length_mm: float, radius_mm: float, point_mm: float, frame: str)
 
     The last ``point_mm``, or half of a shorter rod, are a cone.
     """
-    angle = np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False)
-    circle = radius_mm * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    heights = -length_mm, -min(point_mm, 0.5 * length_mm)
-    rings = [np.column_stack([circle, np.full(_SIDES, height)]) for height in heights]
-    poles = np.array([[0.0, 0.0, -length_mm], [0.0, 0.0, 0.0]])
-    low = np.arange(_SIDES)
-    following = (low + 1) % _SIDES
-    back, tip = np.full(_SIDES, 2 * _SIDES), np.full(_SIDES, 2 * _SIDES + 1)
-    faces = [
-        (back, following, low),
-        (low, following, following + _SIDES),
-        (low, following + _SIDES, low + _SIDES),
-        (low + _SIDES, following + _SIDES, tip),
-    ]
-    corners = np.concatenate([np.stack(each, axis=1) for each in faces])
-    return SurfaceMesh(frame, np.concatenate([*rings, poles]), corners.astype(np.int32))
+    heights = np.array([-length_mm, -length_mm, -min(point_mm, 0.5 * length_mm), 0.0])
+    vertices, faces = revolved(np.array([0.0, radius_mm, radius_mm, 0.0]), heights, _SIDES)
+    return SurfaceMesh(frame, vertices, faces.astype(np.int32))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
