@@ -119,6 +119,7 @@ class ContourModel(DisplayedNode):
     """A model node under the frame of the node ``parent``. Hidden until `show`."""
 
     def __init__(self, scene: vtkMRMLScene, parent: vtkMRMLTransformNode) -> None:
+        self._shown: SurfaceMesh | None = None
         node = add_model(scene, _CONTOUR_NAME, vtkPolyData(), CONTOUR_COLOR, parent=parent)
         super().__init__(scene, node)
         mark(self.node, PART)
@@ -127,7 +128,10 @@ class ContourModel(DisplayedNode):
         display.SetOpacity(_CONTOUR_OPACITY)
         display.SetVisibility(False)
 
-    def show(self, mesh: SurfaceMesh) -> None:
-        """Show ``mesh``, in the parent's frame."""
-        self.node.SetAndObservePolyData(poly_data(mesh))
-        self.node.GetDisplayNode().SetVisibility(True)
+    def show(self, mesh: SurfaceMesh | None) -> None:
+        """Show ``mesh``, in the parent's frame; None hides the node."""
+        if mesh is not self._shown:
+            self._shown = mesh
+            if mesh is not None:
+                self.node.SetAndObservePolyData(poly_data(mesh))
+            self.node.GetDisplayNode().SetVisibility(mesh is not None)

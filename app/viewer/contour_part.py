@@ -13,7 +13,6 @@ from app.contour import (
     Change,
     Contour,
     ContourEditor,
-    ContourSurface,
     contour_count,
 )
 from app.contour.surface import pixel_sigma
@@ -107,7 +106,6 @@ class ContourPart:
         self._cuts = SurfaceCuts()
         self._model: ContourModel | None = None
         self._scene: MarginGuardScene | None = None
-        self._drawn: ContourSurface | None = None
 
     @property
     def revision(self) -> object:
@@ -212,7 +210,7 @@ class ContourPart:
         if scene is not self._scene:
             if self._model is not None:
                 self._model.remove()
-            self._scene, self._model, self._drawn = scene, None, None
+            self._scene, self._model = scene, None
         if scene is None or (self._model is None and surface is None):
             return
         if self._model is None:
@@ -220,13 +218,7 @@ class ContourPart:
             if parent is None:
                 return
             self._model = ContourModel(scene.scene, parent)
-        if surface is self._drawn:
-            return
-        self._drawn = surface
-        if surface is None:
-            self._model.hide()
-        else:
-            self._model.show(surface.mesh)
+        self._model.show(None if surface is None else surface.mesh)
 
 
 MAX_ERASE_MM = 30.0

@@ -166,11 +166,7 @@ class Page:
             state.orientation = self._orientation()
             has_inset = self.view.scene is not None and self.view.inset.is_shown
             state.inset = self.view.inset.side if has_inset else ""
-            if self._hand is not None:
-                state.update(self._hand.values())
-            if self._contour is not None:
-                state.update(self._contour.values())
-            for part in (self._guided, self._world, self._plans):
+            for part in (self._hand, self._contour, self._guided, self._world, self._plans):
                 if part is not None:
                     state.update(part.values())
             if self._client_scene is not None:

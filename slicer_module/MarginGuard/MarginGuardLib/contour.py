@@ -154,7 +154,6 @@ class PanelContour:
         self._changed = changed
         self._points: ContourPoints | None = None
         self._model: ContourModel | None = None
-        self._drawn: ContourSurface | None = None
         self._tumor = ContourTumor(session.display_operator.compute, changed)
         self._settings = Contour("")
         self._pixel_sigma_mm = 0.0
@@ -270,25 +269,19 @@ class PanelContour:
     def _draw(self, surface: ContourSurface | None) -> None:
         parent = self._points.node.GetParentTransformNode()
         if self._model is not None and self._model.node.GetScene() is None:
-            self._model = self._drawn = None
+            self._model = None
         if self._model is None and surface is not None:
             self._model = ContourModel(self._mrml_scene, parent)
         if self._model is None:
             return
         if self._model.node.GetParentTransformNode() is not parent:
             self._model.node.SetAndObserveTransformNodeID(parent.GetID())
-        if surface is self._drawn:
-            return
-        self._drawn = surface
-        if surface is None:
-            self._model.hide()
-        else:
-            self._model.show(surface.mesh)
+        self._model.show(None if surface is None else surface.mesh)
 
     def _forget(self) -> None:
         if self._model is not None and self._model.node.GetScene() is not None:
             self._model.remove()
-        self._points = self._model = self._drawn = None
+        self._points = self._model = None
         self._tumor.forget()
         self._pixel_sigma_mm = 0.0
 
