@@ -144,20 +144,17 @@ class SceneApplication:
         self.logic.SetMRMLScene(scene)
         self.logic.SetViewLogics(vtkCollection())
         self.logic.SetSliceLogics(vtkCollection())
-        # The application logic does not own it; without this reference no markup is drawn.
+        # The application logic does not own them; without these references no markup is drawn.
         self._markups = vtkSlicerMarkupsLogic()
-        self._markups.SetMRMLScene(scene)
-        self._markups.SetMRMLApplicationLogic(self.logic)
-        self.logic.SetModuleLogic("Markups", self._markups)
         # Registers the conversion from a voxel segment to a surface.
         self._segmentations = vtkSlicerSegmentationsModuleLogic()
-        self._segmentations.SetMRMLScene(scene)
-        self._segmentations.SetMRMLApplicationLogic(self.logic)
-        self.logic.SetModuleLogic("Segmentations", self._segmentations)
         # Plays sequences: moves the nodes of a sequence browser.
         self._sequences = vtkSlicerSequencesLogic()
-        self._sequences.SetMRMLScene(scene)
-        self._sequences.SetMRMLApplicationLogic(self.logic)
+        for each in (self._markups, self._segmentations, self._sequences):
+            each.SetMRMLScene(scene)
+            each.SetMRMLApplicationLogic(self.logic)
+        self.logic.SetModuleLogic("Markups", self._markups)
+        self.logic.SetModuleLogic("Segmentations", self._segmentations)
 
 
 def three_d_view(application: SceneApplication, name: str, bottom: Rgb, top: Rgb) -> "ThreeDView":
