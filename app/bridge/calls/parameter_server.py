@@ -165,7 +165,6 @@ class ParameterDeclaration:
     unit: str = ""
     lowest: float | None = None
     highest: float | None = None
-    read_only: bool = False
 
     def __post_init__(self) -> None:
         if (self.lowest is None) != (self.highest is None):
@@ -200,7 +199,6 @@ class ParameterDeclaration:
         message = ParameterDescriptor(
             description=self.text,
             additional_constraints=f"unit: {self.unit}" if self.unit else "",
-            read_only=self.read_only,
         )
         if self.lowest is not None and self.highest is not None:
             if isinstance(self.value, int):
@@ -263,11 +261,10 @@ class ParameterServer:
             return dict(self._values)
 
     def close(self) -> None:
-        """Undeclare the parameters; ROS does not allow that for read-only ones."""
+        """Undeclare the parameters."""
         self._ros.node.remove_on_set_parameters_callback(self._on_set)
-        for name, each in self._declared.items():
-            if not each.read_only:
-                self._ros.node.undeclare_parameter(name)
+        for name in self._declared:
+            self._ros.node.undeclare_parameter(name)
 
     def _on_set(self, parameters: list[Parameter]) -> SetParametersResult:
         requested = {
