@@ -200,9 +200,7 @@ class BodyShapes:
                     f"{body.place} has the primitive {kind!r}; expected box, sphere, cylinder, "
                     "cone, capsule or plane"
                 )
-        if (
-            scale.prod() < 0.0
-        ):  # a mirrored surface is inside out; reversing the corners restores it
+        if scale.prod() < 0.0:  # a mirrored surface is inside out
             faces = faces[:, ::-1]
         vertices = (vertices * scale) @ pose[:3, :3].T + pose[:3, 3]
         mesh = SurfaceMesh(name, vertices * MM_PER_M, faces.astype(np.int32))

@@ -16,23 +16,20 @@ _WORLD, _MODEL = "world", "model"
 
 
 def message_of_model(kind: Any, value: Any) -> Any:
-    """`CollisionObject` that adds a model, or the message of a filled-in blank message."""
-    return _added(value) if isinstance(value, vtkMRMLModelNode) else message_of(value, kind)
+    """`CollisionObject` that adds a model, or the message of a filled-in blank message.
+
+    The model's triangles are at its pose in the scene's world (RAS). Raises as `placed_surface`.
+    """
+    if not isinstance(value, vtkMRMLModelNode):
+        return message_of(value, kind)
+    return collision_object(_identifier(value), *placed_surface(value, _WORLD, _MODEL))
 
 
 def removal_of_model(model: Any) -> Any:
     """`CollisionObject` that removes a model; raises `Ros2Error` for another value."""
-    return removed_object(_identifier(_checked(model)))
-
-
-def _added(model: vtkMRMLModelNode) -> Any:
-    """The model's triangles at its pose in the scene's world (RAS).
-
-    A transform that is not rigid is applied to the vertices. Raises `Ros2Error` for a model without
-    a surface or below a transform that is not linear.
-    """
-    vertices, triangles, pose = placed_surface(model, _WORLD, _MODEL)
-    return collision_object(_identifier(model), vertices, triangles, pose)
+    if not isinstance(model, vtkMRMLModelNode):
+        raise Ros2Error(f"value is a {type(model).__name__}; expected a vtkMRMLModelNode")
+    return removed_object(_identifier(model))
 
 
 def placed_surface(model: vtkMRMLModelNode, world: str, frame: str) -> tuple[Any, Any, Transform]:
@@ -72,12 +69,6 @@ def _triangles(model: vtkMRMLModelNode) -> tuple[Any, Any]:
     found = split.GetOutput()
     corners = numpy_array(found.GetPolys().GetConnectivityArray()).reshape(-1, 3).copy()
     return numpy_array(found.GetPoints().GetData()).astype(np.float64), corners
-
-
-def _checked(model: Any) -> vtkMRMLModelNode:
-    if not isinstance(model, vtkMRMLModelNode):
-        raise Ros2Error(f"value is a {type(model).__name__}; expected a vtkMRMLModelNode")
-    return model
 
 
 def _identifier(model: vtkMRMLModelNode) -> str:

@@ -259,9 +259,7 @@ class RosHost(MrmlClass, vtkMRMLScriptedModuleNode):
             if member in self._members.values():
                 try:
                     self._remove_member(member)
-                except (
-                    MarginGuardError
-                ) as error:  # the other members and the node must still be closed
+                except MarginGuardError as error:  # the others must still be closed
                     logging.error(f"{member.GetName()}: {error}")
         if self._ros is not None:
             self._ros.close()

@@ -180,10 +180,6 @@ def _read_image(message: Any) -> vtkImageData:
     return vtk_values.image(found if order is None else found[:, :, order])
 
 
-def _write_image(_: Any, value: Any) -> Any:
-    return _image(vtk_values.pixels(value))
-
-
 def _image(pixels: Any) -> Any:
     encoding = _ENCODINGS.get((pixels.dtype.name, pixels.ndim))
     if pixels.ndim == 3 and pixels.dtype == np.uint8:
@@ -207,19 +203,9 @@ def _write_points(kind: Any, value: Any) -> Any:
     return from_plain(kind, {"points": [dict(zip("xyz", row, strict=True)) for row in rows]})
 
 
-def _read_cloud(message: Any) -> vtkPolyData:
-    return vtk_values.cloud(cloud_points_mm(message))
+_Special = tuple[Callable[[Any], Any], Callable[[Any, Any], Any], Callable[[], Any] | None]
 
-
-def _write_cloud(_: Any, value: Any) -> Any:
-    return cloud_message(vtk_values.positions_mm(value), "", Stamp(0))
-
-
-def _blank(name: str) -> Any:
-    return value_of(message_type(name)())
-
-
-_SPECIAL: dict[str, tuple[Callable[[Any], Any], Callable[[Any, Any], Any], Callable[[], Any]]] = {
+_SPECIAL: dict[str, _Special] = {
     "Empty": (lambda _: "", lambda kind, _: kind(), str),
     "String": (_data, _with_data, str),
     "Bool": (_data, _with_data, bool),
@@ -238,10 +224,14 @@ _SPECIAL: dict[str, tuple[Callable[[Any], Any], Callable[[Any, Any], Any], Calla
         vtkTable,
     ),
     "UInt8Image": (_read_uint8, _write_uint8, vtkTypeUInt8Array),
-    "Image": (_read_image, _write_image, vtkImageData),
+    "Image": (_read_image, lambda _, value: _image(vtk_values.pixels(value)), vtkImageData),
     "PointCloud": (_read_points, _write_points, vtkPoints),
-    "PolyData": (_read_cloud, _write_cloud, vtkPolyData),
-    "CollisionObject": (value_of, message_of_model, lambda: _blank("CollisionObject")),
+    "PolyData": (
+        lambda m: vtk_values.cloud(cloud_points_mm(m)),
+        lambda _, value: cloud_message(vtk_values.positions_mm(value), "", Stamp(0)),
+        vtkPolyData,
+    ),
+    "CollisionObject": (value_of, message_of_model, None),
 }
 """Conversions of short names with a Slicer value of their own: read, write, blank value."""
 
