@@ -222,7 +222,9 @@ class Viewer:
         self._server.controller.on_server_bind.add(lambda bound: folders.update(_folders(bound)))
         state_server = asyncio.ensure_future(_start(self._server))
         await self._server.ready
-        _connect(self._server, pages)
+        for protocol in self._server.protocol.getLinkProtocols():
+            # Trame publishes to the pages; the command alone ends the server.
+            protocol.init(pages.publish, lambda content: content, lambda: None)
         web_server = WebServer(address, self._content(sockets, folders))
         port = await web_server.start()
         self._server.controller.rc_area_register(adapter)
@@ -330,16 +332,6 @@ def _server(title: Title, *, client: bool) -> Server:
 def _folders(bound: Any) -> dict[str, Path]:
     """The folders of trame's files, by their paths."""
     return {f"/{path.strip('/')}": Path(folder) for path, folder in bound.config["static"].items()}
-
-
-def _connect(server: Server, pages: OpenPages) -> None:
-    """Let trame publish to ``pages``."""
-    for protocol in server.protocol.getLinkProtocols():
-        protocol.init(pages.publish, lambda content: content, _no_exit)
-
-
-def _no_exit() -> None:
-    """The command alone ends the server."""
 
 
 async def _start(server: Server) -> None:

@@ -174,7 +174,8 @@ class Methods:
         self._methods = {
             HELLO: Command(self._greet, (mapping,), view),
             "trame.state.get": Command(self._state, (), view, _STATE_COST),
-            "trame.lifecycle.update": Command(_ignore, (one_of(_LIFE_CYCLE),), view),
+            # Nothing here depends on a page's life cycle.
+            "trame.lifecycle.update": Command(lambda *_: None, (one_of(_LIFE_CYCLE),), view),
             "trame.error.client": Command(_log_error, (text(MAX_MESSAGE_BYTES),), view),
             "marginguard.seen": Command(self._acknowledge, (integer(0, 2**53),), view),
             # The role that a command needs is checked with its name.
@@ -229,10 +230,6 @@ def _command_args(value: object) -> list[object]:
     if not isinstance(value, list) or len(value) > _MAX_COMMAND_ARGS:
         raise refused(value, f"a list of at most {_MAX_COMMAND_ARGS} values")
     return value
-
-
-def _ignore(_page: OpenPage, _event: str) -> None:
-    """Nothing here depends on a page's life cycle."""
 
 
 def _log_error(page: OpenPage, message: str) -> None:

@@ -348,7 +348,9 @@ class ShownSession:
         if self.opened is not None:
             operator.request(command)
         else:
-            self.requests.submit(str(command.kind), lambda: operator.request(command), _ignore)
+            # The outcome of an accepted request is in the list of requests.
+            kind = str(command.kind)
+            self.requests.submit(kind, lambda: operator.request(command), lambda _: None)
 
     def started(self) -> Operator:
         """`operator`; raises `InputError` before the session has started."""
@@ -377,7 +379,3 @@ class ShownSession:
                 "nothing is shown yet; expected a session: connect or load a case first"
             )
         return self.display
-
-
-def _ignore(_: object) -> None:
-    """The outcome of an accepted request is in the list of requests."""
