@@ -12,7 +12,17 @@ from numpy.typing import NDArray
 
 from app.fixture.jit import inlined, kernel
 from app.fixture.surfaces.triangles import closest_of_triangles
-from app.fixture.vectors import Vector, add, cross, dot, length, row, scaled, sub
+from app.fixture.vectors import (
+    Vector,
+    add,
+    cross,
+    dot,
+    length,
+    rotate_inverse,
+    row,
+    scaled,
+    sub,
+)
 from app.geometry import FloatArray
 
 MAX_INTERVALS, MAX_OPEN = 1 << 14, 1 << 18
@@ -26,6 +36,9 @@ _VISITS, _LARGE_MM = 8, 50.0
 _PLANES = 12
 """Planes between convex hulls that are tried."""
 
+
+Between: TypeAlias = tuple[Vector, Vector, Vector, Vector]
+"""Rows of the rotation of a second body into the frame of a first one, and its place there."""
 
 Motion: TypeAlias = tuple[Vector, Vector, float, float]
 """Turn, way of the origin, bend and longest way of a body, as in `Scratch.twists`."""
@@ -117,25 +130,27 @@ def _moved_along(n: Vector, go: Vector, radius: float, motion: Motion) -> float:
     return min(abs(dot(n, go)) + radius * length(cross(n, turn)) + bend, longest)
 
 
+@inlined
+def _turned(between: Between, v: Vector) -> Vector:
+    """The direction ``v`` of the second body in the frame of the first."""
+    return (dot(between[0], v), dot(between[1], v), dot(between[2], v))
+
+
+@inlined
+def _placed(between: Between, p: Vector) -> Vector:
+    """The point ``p`` of the second body in the frame of the first."""
+    return add(between[3], _turned(between, p))
+
+
 @kernel
 def _box_gap(
-    nodes: FloatArray,
-    i: int,
-    j: int,
-    x: Vector,
-    y: Vector,
-    z: Vector,
-    shift: Vector,
-    motion: Motion,
-    below: float,
+    nodes: FloatArray, i: int, j: int, between: Between, motion: Motion, below: float
 ) -> float:
     """A lower bound of the distance of the nodes ``i`` and ``j``; at once if it is not ``below``.
 
-    ``x``, ``y`` and ``z`` are the rows of the rotation of the second into the frame of the first,
-    in which it moves by ``motion``.
+    The second is at ``between``, and moves by ``motion`` in the frame of the first.
     """
-    center = row(nodes, j)
-    center = add(shift, (dot(x, center), dot(y, center), dot(z, center)))
+    center = _placed(between, row(nodes, j))
     to, go, radius = sub(center, row(nodes, i)), (0.0, 0.0, 0.0), nodes[j, 3]
     apart = math.sqrt(dot(to, to))
     gap = float(apart - nodes[i, 3] - radius)
@@ -148,14 +163,9 @@ def _box_gap(
             gap -= _moved_along(scaled(1.0 / apart, to), go, radius, motion)
             if gap >= below:
                 return gap
-    a, b, c = (
-        (nodes[j, 4], nodes[j, 5], nodes[j, 6]),
-        (nodes[j, 7], nodes[j, 8], nodes[j, 9]),
-        (nodes[j, 10], nodes[j, 11], nodes[j, 12]),
-    )
-    a = (dot(x, a), dot(y, a), dot(z, a))
-    b = (dot(x, b), dot(y, b), dot(z, b))
-    c = (dot(x, c), dot(y, c), dot(z, c))
+    a = _turned(between, (nodes[j, 4], nodes[j, 5], nodes[j, 6]))
+    b = _turned(between, (nodes[j, 7], nodes[j, 8], nodes[j, 9]))
+    c = _turned(between, (nodes[j, 10], nodes[j, 11], nodes[j, 12]))
     along_a, along_b, along_c = abs(dot(a, to)), abs(dot(b, to)), abs(dot(c, to))
     first = 0.0
     for k in range(3):
@@ -189,11 +199,8 @@ def _box_gap(
 
 
 @inlined
-def _corner(
-    corners: FloatArray, i: int, k: int, x: Vector, y: Vector, z: Vector, shift: Vector
-) -> Vector:
-    p = (corners[i, k, 0], corners[i, k, 1], corners[i, k, 2])
-    return (dot(x, p) + shift[0], dot(y, p) + shift[1], dot(z, p) + shift[2])
+def _corner(corners: FloatArray, i: int, k: int) -> Vector:
+    return (corners[i, k, 0], corners[i, k, 1], corners[i, k, 2])
 
 
 @inlined
@@ -205,26 +212,17 @@ def _plane_gap(n: Vector, p: Vector, a: Vector, b: Vector, c: Vector) -> float:
 
 @kernel
 def _are_apart(
-    bodies: Bodies,
-    a: int,
-    b: int,
-    x: Vector,
-    y: Vector,
-    z: Vector,
-    shift: Vector,
-    motion: Motion,
-    gap: float,
+    bodies: Bodies, a: int, b: int, between: Between, motion: Motion, gap: float
 ) -> bool:
     """True if a plane has the hulls of the bodies on its two sides, ``gap`` mm apart all the way.
 
-    Rotation, shift and motion of the second are those of `_box_gap`. By the descent of Gilbert
+    Place and motion of the second are those of `_box_gap`. By the descent of Gilbert
     (1966) to the nearest point ``v`` of the difference of the hulls, with the corners of the second
     at both ends of their straight way, and its bend as a gap.
     """
     hulls, first, turn = bodies.hulls, bodies.hull_first, motion[0]
     gap += motion[2]
-    center = row(bodies.nodes, bodies.first[b, 1])
-    v = add(shift, (dot(x, center), dot(y, center), dot(z, center)))
+    v = _placed(between, row(bodies.nodes, bodies.first[b, 1]))
     v = sub(v, row(bodies.nodes, bodies.first[a, 1]))
     for _ in range(_PLANES):
         size = length(v)
@@ -237,19 +235,18 @@ def _are_apart(
             if not at <= high:  # NaN, too: proves nothing
                 high, i = at, k
         # The place of a corner along the plane's normal, and its way: linear in the corner.
-        place, way = _turned_back(x, y, z, n), cross(n, turn)
-        along = dot(way, shift) + dot(n, motion[1])
-        way = _turned_back(x, y, z, way)
+        place, way = _turned_back(between, n), cross(n, turn)
+        along = dot(way, between[3]) + dot(n, motion[1])
+        way = _turned_back(between, way)
         low, j = math.inf, first[b]
         for k in range(first[b], first[b + 1]):
             go = along + way[0] * hulls[k, 0] + way[1] * hulls[k, 1] + way[2] * hulls[k, 2]
             at = place[0] * hulls[k, 0] + place[1] * hulls[k, 1] + place[2] * hulls[k, 2] - abs(go)
             if not at >= low:
                 low, j = at, k
-        if low + dot(n, shift) - high >= gap:
+        if low + dot(n, between[3]) - high >= gap:
             return True
-        corner = row(hulls, j)
-        corner = add(shift, (dot(x, corner), dot(y, corner), dot(z, corner)))
+        corner = _placed(between, row(hulls, j))
         nearer = add(motion[1], cross(turn, corner))
         corner = sub(corner, scaled(math.copysign(1.0, dot(n, nearer)), nearer))
         change = sub(sub(corner, row(hulls, i)), v)
@@ -259,9 +256,10 @@ def _are_apart(
 
 
 @inlined
-def _turned_back(x: Vector, y: Vector, z: Vector, v: Vector) -> Vector:
-    """``v`` by the inverse of the rotation with the rows ``x``, ``y`` and ``z``."""
-    return add(add(scaled(v[0], x), scaled(v[1], y)), scaled(v[2], z))
+def _turned_back(between: Between, v: Vector) -> Vector:
+    """The inverse of `_turned`."""
+    turned = add(scaled(v[0], between[0]), scaled(v[1], between[1]))
+    return add(turned, scaled(v[2], between[2]))
 
 
 @kernel
@@ -285,26 +283,11 @@ def find_nearer(
     stack, bounds = scratch.stack, scratch.bounds
     f, g = matrices[bodies.link[a]], matrices[bodies.link[b]]
     to = (g[0, 3] - f[0, 3], g[1, 3] - f[1, 3], g[2, 3] - f[2, 3])
-    # Rows of the rotation of b into the frame of a.
-    x = (
-        f[0, 0] * g[0, 0] + f[1, 0] * g[1, 0] + f[2, 0] * g[2, 0],
-        f[0, 0] * g[0, 1] + f[1, 0] * g[1, 1] + f[2, 0] * g[2, 1],
-        f[0, 0] * g[0, 2] + f[1, 0] * g[1, 2] + f[2, 0] * g[2, 2],
-    )
-    y = (
-        f[0, 1] * g[0, 0] + f[1, 1] * g[1, 0] + f[2, 1] * g[2, 0],
-        f[0, 1] * g[0, 1] + f[1, 1] * g[1, 1] + f[2, 1] * g[2, 1],
-        f[0, 1] * g[0, 2] + f[1, 1] * g[1, 2] + f[2, 1] * g[2, 2],
-    )
-    z = (
-        f[0, 2] * g[0, 0] + f[1, 2] * g[1, 0] + f[2, 2] * g[2, 0],
-        f[0, 2] * g[0, 1] + f[1, 2] * g[1, 1] + f[2, 2] * g[2, 1],
-        f[0, 2] * g[0, 2] + f[1, 2] * g[1, 2] + f[2, 2] * g[2, 2],
-    )
-    shift = (
-        f[0, 0] * to[0] + f[1, 0] * to[1] + f[2, 0] * to[2],
-        f[0, 1] * to[0] + f[1, 1] * to[1] + f[2, 1] * to[2],
-        f[0, 2] * to[0] + f[1, 2] * to[1] + f[2, 2] * to[2],
+    between = (
+        rotate_inverse(g, (f[0, 0], f[1, 0], f[2, 0])),
+        rotate_inverse(g, (f[0, 1], f[1, 1], f[2, 1])),
+        rotate_inverse(g, (f[0, 2], f[1, 2], f[2, 2])),
+        rotate_inverse(f, to),
     )
     nodes, corners, spheres, normals = bodies.nodes, bodies.corners, bodies.spheres, bodies.normals
     first_a, first_b = bodies.first[a, 1], bodies.first[b, 1]
@@ -315,15 +298,13 @@ def find_nearer(
     motion = still
     if slack > of_a:
         last = twists[b, joints_b - 1]
-        turn, way = (last[0], last[1], last[2]), (last[3], last[4], last[5])
-        turn = (dot(x, turn), dot(y, turn), dot(z, turn))
-        way = sub((dot(x, way), dot(y, way), dot(z, way)), cross(turn, shift))
+        turn = _turned(between, (last[0], last[1], last[2]))
+        way = sub(_turned(between, (last[3], last[4], last[5])), cross(turn, between[3]))
         motion = (turn, way, last[6], last[7])
     if slack > 0.0 and not exact:
         # One pair of triangles often shows at once that the motion is not proven free.
         m, n = bodies.first[a, 0] + bodies.size[a] // 2, bodies.first[b, 0] + bodies.size[b] // 2
-        center = row(spheres, n)
-        center = add(shift, (dot(x, center), dot(y, center), dot(z, center)))
+        center = _placed(between, row(spheres, n))
         apart = sub(center, row(spheres, m))
         distance = length(apart)
         go = add(motion[1], cross(motion[0], center))
@@ -333,19 +314,19 @@ def find_nearer(
             if distance < clearance:
                 return found
     stack[0, 0], stack[0, 1], top = 0, 0, 0
-    bounds[0] = _box_gap(nodes, first_a, first_b, x, y, z, shift, motion, clearance + of_a)
+    bounds[0] = _box_gap(nodes, first_a, first_b, between, motion, clearance + of_a)
     visits = 0
     while top >= 0:
         i, j, bound = stack[top, 0], stack[top, 1], bounds[top]
         top -= 1
         visits += 1
         if visits == _VISITS and not exact:
-            if _are_apart(bodies, a, b, x, y, z, shift, motion, clearance + of_a):
+            if _are_apart(bodies, a, b, between, motion, clearance + of_a):
                 return found
             if slack > _LARGE_MM:
                 # From now on only a collision now is of interest.
                 found, slack, of_a, motion = clearance + slack, 0.0, 0.0, still
-                if _are_apart(bodies, a, b, x, y, z, shift, motion, clearance):
+                if _are_apart(bodies, a, b, between, motion, clearance):
                     return found
         if bound >= clearance + of_a:
             continue
@@ -354,12 +335,8 @@ def find_nearer(
             near = (2 * i + 1, j) if by_a else (i, 2 * j + 1)
             far = (2 * i + 2, j) if by_a else (i, 2 * j + 2)
             below = clearance + of_a
-            to_near = _box_gap(
-                nodes, first_a + near[0], first_b + near[1], x, y, z, shift, motion, below
-            )
-            to_far = _box_gap(
-                nodes, first_a + far[0], first_b + far[1], x, y, z, shift, motion, below
-            )
+            to_near = _box_gap(nodes, first_a + near[0], first_b + near[1], between, motion, below)
+            to_far = _box_gap(nodes, first_a + far[0], first_b + far[1], between, motion, below)
             if to_far < to_near:
                 near, far, to_near, to_far = far, near, to_far, to_near
             if to_far < below:
@@ -375,22 +352,18 @@ def find_nearer(
         count, level, offset = bodies.size[b], bodies.levels[b], bodies.first[b, 0]
         from_b, to_b = offset + ((j * count) >> level), offset + (((j + 1) * count) >> level)
         for n in range(from_b, to_b):
-            center = row(spheres, n)
-            center = add(shift, (dot(x, center), dot(y, center), dot(z, center)))
-            normal = row(normals, n)
-            normal = (dot(x, normal), dot(y, normal), dot(z, normal))
-            d = _corner(corners, n, 0, x, y, z, shift)
-            e = _corner(corners, n, 1, x, y, z, shift)
-            h = _corner(corners, n, 2, x, y, z, shift)
+            center = _placed(between, row(spheres, n))
+            normal = _turned(between, row(normals, n))
+            d = _placed(between, _corner(corners, n, 0))
+            e = _placed(between, _corner(corners, n, 1))
+            h = _placed(between, _corner(corners, n, 2))
             go, radius = add(motion[1], cross(motion[0], center)), spheres[n, 3]
             for m in range(from_a, to_a):
                 least, apart = clearance + of_a, sub(center, row(spheres, m))
                 reach = least + motion[3] + spheres[m, 3] + radius
                 if dot(apart, apart) >= reach * reach:
                     continue
-                u = (corners[m, 0, 0], corners[m, 0, 1], corners[m, 0, 2])
-                v = (corners[m, 1, 0], corners[m, 1, 1], corners[m, 1, 2])
-                w = (corners[m, 2, 0], corners[m, 2, 1], corners[m, 2, 2])
+                u, v, w = _corner(corners, m, 0), _corner(corners, m, 1), _corner(corners, m, 2)
                 side = row(normals, m)
                 gap = _plane_gap(side, u, d, e, h)
                 if gap >= least and gap >= least + _moved_along(side, go, radius, motion):

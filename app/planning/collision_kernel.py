@@ -89,10 +89,8 @@ def _fill_twists(bodies: Bodies, arm: Arm, scratch: Scratch) -> None:
     matrices, twists = scratch.matrices, scratch.twists
     for body in range(len(bodies.link)):
         pose, at, n = matrices[bodies.link[body]], bodies.link[body], 0
-        center, radius = (
-            row(bodies.nodes, bodies.first[body, 1]),
-            bodies.nodes[bodies.first[body, 1], 3],
-        )
+        root = bodies.first[body, 1]
+        center, radius = row(bodies.nodes, root), bodies.nodes[root, 3]
         turn, way, bend, longest = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, 0.0
         while at > 0:
             k = at - 1

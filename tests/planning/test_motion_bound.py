@@ -107,4 +107,4 @@ def test_plane_proves_no_motion_that_is_not_finite(number):
         (1e4, (still, still, number, 0.0), False),
     ):
         shift = (place, 0.0, 0.0)
-        assert _are_apart(bodies, 0, 0, *rows, shift, motion, 1.0) == apart
+        assert _are_apart(bodies, 0, 0, (*rows, shift), motion, 1.0) == apart
