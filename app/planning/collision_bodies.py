@@ -149,7 +149,7 @@ def _nodes(boxes: FloatArray) -> FloatArray:
 def arm(robot: Robot, joints: tuple[str, ...], held: Mapping[str, float]) -> Arm:
     """The compiled form of ``robot``, with positions of ``joints`` as states and others held."""
     tree = robot.tree
-    slides, origins, motions, parents = tree.compiled_arrays(tree.root, ())[:4]
+    (slides, origins, motions, parents), _ = tree.compiled_arrays(tree.root, ())
     at_zero = robot.complete_positions({**held, **dict.fromkeys(joints, 0.0)})
     base = np.array([at_zero.get(joint.name, 0.0) for joint in tree.joints])
     driver: NDArray[np.int64] = np.full(len(base), -1, np.int64)

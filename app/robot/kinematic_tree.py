@@ -185,10 +185,12 @@ class KinematicTree:
         )
         return jacobian
 
-    def compiled_arrays(self, link: str, drivers: tuple[str, ...]) -> tuple[Any, ...]:
-        """Arguments of `link_kernel` for the poses, and then for the Jacobian of ``link``."""
+    def compiled_arrays(
+        self, link: str, drivers: tuple[str, ...]
+    ) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        """Arguments of `link_kernel` for the poses, and those for the Jacobian of ``link``."""
         poses = (self._slides, self._origins, self._motions, self._parents)
-        return (*poses, self.link_rows[link], *self._joints_in_jacobian(link, drivers))
+        return poses, (self.link_rows[link], *self._joints_in_jacobian(link, drivers))
 
     def _joints_in_jacobian(self, link: str, drivers: tuple[str, ...]) -> _JacobianJoints:
         """Joints that move ``link`` and follow one of ``drivers``."""

@@ -15,6 +15,10 @@ from numpy.typing import NDArray
 from app.geometry import FloatArray
 from app.geometry.jit_cache import load_without_declarations
 
+_Ints = NDArray[np.int64]
+_Tree = tuple[NDArray[np.bool_], FloatArray, FloatArray, _Ints]
+_Link = tuple[int, _Ints, _Ints, NDArray[np.bool_], FloatArray, FloatArray, FloatArray]
+
 
 @load_without_declarations(rtsys)
 @njit(cache=True, error_model="numpy")
@@ -106,17 +110,8 @@ def descend(
     base: FloatArray,
     drivers: NDArray[np.int64],
     driver_gains: FloatArray,
-    slides: NDArray[np.bool_],
-    origins: FloatArray,
-    motions: FloatArray,
-    parents: NDArray[np.int64],
-    origin_row: int,
-    rows: NDArray[np.int64],
-    columns: NDArray[np.int64],
-    column_slides: NDArray[np.bool_],
-    gains: FloatArray,
-    axes: FloatArray,
-    pivots_mm: FloatArray,
+    tree: _Tree,
+    link: _Link,
     weight: float,
     tolerance_mm: float,
     tolerance_rad: float,
@@ -129,8 +124,8 @@ def descend(
 
     ``start``, ``lower`` and ``upper`` (n,) are of the drivers, ``goal`` (4, 4) is the pose.
     Position k of m joints is ``base[k]``, plus ``driver_gains[k]`` times the driver
-    ``drivers[k]`` where that is not negative. The arrays from ``slides`` on are those of
-    `compute_link_poses`, those from ``origin_row`` on of `compute_jacobian`. ``weight`` is that of
+    ``drivers[k]`` where that is not negative. ``tree`` are the arguments of `compute_link_poses`
+    after the positions, ``link`` those of `compute_jacobian` after the poses. ``weight`` is that of
     angles. False if a pose is not finite.
     """
     count = len(start)
@@ -151,18 +146,8 @@ def descend(
                 return True
             jacobian[:] = 0.0
             _fill_positions(best, base, drivers, driver_gains, values)
-            compute_link_poses(values, slides, origins, motions, parents, matrices)
-            compute_jacobian(
-                matrices,
-                origin_row,
-                rows,
-                columns,
-                column_slides,
-                gains,
-                axes,
-                pivots_mm,
-                jacobian,
-            )
+            compute_link_poses(values, *tree, matrices)
+            compute_jacobian(matrices, *link, jacobian)
             used = 0
             for k in range(count):
                 gradient[k] = 0.0
@@ -201,9 +186,9 @@ def descend(
             for k in range(count):
                 trial[k] = min(max(best[k] + scale * step[k], lower[k]), upper[k])
         _fill_positions(trial, base, drivers, driver_gains, values)
-        if not compute_link_poses(values, slides, origins, motions, parents, matrices):
+        if not compute_link_poses(values, *tree, matrices):
             return False
-        _error_of(goal, matrices[origin_row], weight, trial_error)
+        _error_of(goal, matrices[link[0]], weight, trial_error)
         reached = 0.0
         for i in range(6):
             reached += trial_error[i] * trial_error[i]
