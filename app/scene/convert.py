@@ -70,6 +70,18 @@ def poly_data(mesh: SurfaceMesh) -> vtkPolyData:
     return surface
 
 
+def triangles_of(surface: vtkPolyData) -> tuple[FloatArray, NDArray[Any]]:
+    """Vertices (n, 3) and triangles (m, 3) of the polygons and strips of ``surface``, copied."""
+    split = vtkTriangleFilter()
+    split.SetInputData(surface)
+    split.PassVertsOff()
+    split.PassLinesOff()
+    split.Update()
+    found = split.GetOutput()
+    corners = numpy_array(found.GetPolys().GetConnectivityArray()).reshape(-1, 3).copy()
+    return numpy_array(found.GetPoints().GetData()).astype(np.float64), corners
+
+
 def world_matrix(node: vtkMRMLTransformNode | None) -> FloatArray:
     """``ras_from_node`` (4, 4) through all parents; the identity for None."""
     matrix = vtkMatrix4x4()
@@ -136,20 +148,24 @@ def mesh_of_segment(
     return _mesh(surface, segmentation, frame, frame_node)
 
 
-def points_of_markups(
-    markups: vtkMRMLMarkupsNode, frame_node: vtkMRMLTransformNode | None
-) -> FloatArray:
-    """The placed control points (n, 3) in the frame of ``frame_node``, in mm; n may be 0.
-
-    Applies all parent transforms. Leaves out points that are still being placed.
-    """
+def placed_points(markups: vtkMRMLMarkupsNode) -> FloatArray:
+    """Copies (n, 3) of the control points in mm, without those that are still being placed."""
     placed = [
         markups.GetNthControlPointPosition(index)
         for index in range(markups.GetNumberOfControlPoints())
         if markups.GetNthControlPointPositionStatus(index) == vtkMRMLMarkupsNode.PositionDefined
     ]
-    points = np.array(placed, dtype=np.float64).reshape(-1, 3)
-    return _moved(points, markups.GetParentTransformNode(), frame_node)
+    return np.array(placed, dtype=np.float64).reshape(-1, 3)
+
+
+def points_of_markups(
+    markups: vtkMRMLMarkupsNode, frame_node: vtkMRMLTransformNode | None
+) -> FloatArray:
+    """The `placed_points` (n, 3) in the frame of ``frame_node``, in mm; n may be 0.
+
+    Applies all parent transforms.
+    """
+    return _moved(placed_points(markups), markups.GetParentTransformNode(), frame_node)
 
 
 def _mesh(
@@ -160,14 +176,8 @@ def _mesh(
 ) -> SurfaceMesh:
     clean = vtkStaticCleanPolyData()
     clean.SetInputData(surface)
-    triangles = vtkTriangleFilter()
-    triangles.SetInputConnection(clean.GetOutputPort())
-    triangles.PassVertsOff()
-    triangles.PassLinesOff()
-    triangles.Update()
-    whole = triangles.GetOutput()
-    points = numpy_array(whole.GetPoints().GetData()).astype(np.float64)
-    faces = numpy_array(whole.GetPolys().GetConnectivityArray()).reshape(-1, 3)
+    clean.Update()
+    points, faces = triangles_of(clean.GetOutput())
     parent = node.GetParentTransformNode()
     moved = SurfaceMesh(frame, _moved(points, parent, frame_node), faces)
     before = SurfaceMesh(frame, points, faces).signed_volume_mm3

@@ -20,6 +20,7 @@ from app.contour.surface import pixel_sigma
 from app.geometry import FloatArray, InputError
 from app.runtime import GUARDED_TOOL, Operator, tip_mm
 from app.scene import ContourModel, SceneError
+from app.scene.convert import placed_points
 from app.scene.item_models import CONTOUR_COLOR
 from app.workflow import ContourTumor
 
@@ -63,13 +64,7 @@ class ContourPoints:
     @property
     def positions_mm(self) -> FloatArray:
         """Copies (n, 3) of the placed points in mm; one that is being placed is not among them."""
-        defined = vtkMRMLMarkupsFiducialNode.PositionDefined
-        placed = [
-            self.node.GetNthControlPointPosition(index)
-            for index in range(self.node.GetNumberOfControlPoints())
-            if self.node.GetNthControlPointPositionStatus(index) == defined
-        ]
-        return np.array(placed, dtype=np.float64).reshape(-1, 3)
+        return placed_points(self.node)
 
     @property
     def can_undo(self) -> bool:

@@ -4,11 +4,10 @@ from typing import Any
 
 import numpy as np
 from slicer import vtkMRMLModelNode
-from vtkmodules.vtkFiltersCore import vtkTriangleFilter
 
 from app.bridge.convert import collision_object, removed_object
 from app.geometry import Transform, TransformError
-from app.scene.convert import numpy_array, world_matrix
+from app.scene.convert import triangles_of, world_matrix
 from ROS2Lib.member import Ros2Error
 from ROS2Lib.ros_message import message_of
 
@@ -44,7 +43,10 @@ def placed_surface(model: vtkMRMLModelNode, world: str, frame: str) -> tuple[Any
             f"{model.GetName()} is below the non-linear transform {parent.GetName()}; "
             "expected linear ones (harden it)"
         )
-    vertices, triangles = _triangles(model)
+    surface = model.GetPolyData()
+    if surface is None or surface.GetNumberOfPolys() + surface.GetNumberOfStrips() == 0:
+        raise Ros2Error(f"{model.GetName()} has no surface; expected a model with polygons")
+    vertices, triangles = triangles_of(surface)
     matrix = world_matrix(parent)
     try:
         pose = Transform.from_matrix(matrix, target=world, source=frame)
@@ -54,21 +56,6 @@ def placed_surface(model: vtkMRMLModelNode, world: str, frame: str) -> tuple[Any
             triangles = triangles[:, ::-1]
         pose = Transform.identity(target=world, source=frame)
     return vertices, triangles, pose
-
-
-def _triangles(model: vtkMRMLModelNode) -> tuple[Any, Any]:
-    """Vertices (n, 3) in mm and triangles (m, 3) of a model's polygons and strips."""
-    surface = model.GetPolyData()
-    if surface is None or surface.GetNumberOfPolys() + surface.GetNumberOfStrips() == 0:
-        raise Ros2Error(f"{model.GetName()} has no surface; expected a model with polygons")
-    split = vtkTriangleFilter()
-    split.SetInputData(surface)
-    split.PassVertsOff()
-    split.PassLinesOff()
-    split.Update()
-    found = split.GetOutput()
-    corners = numpy_array(found.GetPolys().GetConnectivityArray()).reshape(-1, 3).copy()
-    return numpy_array(found.GetPoints().GetData()).astype(np.float64), corners
 
 
 def _identifier(model: vtkMRMLModelNode) -> str:
