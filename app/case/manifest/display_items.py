@@ -23,7 +23,7 @@ from app.case.manifest.parts import MeshEntry, read_tip
 from app.files.declared import By, block_of
 from app.files.document import Section
 from app.files.keys import Block, Frame, Number, Numbers, Text
-from app.files.meshes import MESH_UNITS
+from app.files.meshes import MESH_PATH, MESH_UNITS
 from app.geometry import InputError, Transform
 
 
@@ -168,10 +168,7 @@ class RodEntry:
         Block(
             "surface in the frame of the tip, the tip at 0 and +z forward; by default a thin rod "
             "of that length",
-            {
-                "path": Text("mesh file (.stl, .ply, .obj), relative, absolute or package://..."),
-                "units": MESH_UNITS,
-            },
+            {"path": Text(MESH_PATH), "units": MESH_UNITS},
             optional=True,
             read=lambda model: MeshEntry(model.text("path"), model.choice("units")),
         ),
