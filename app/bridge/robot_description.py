@@ -5,7 +5,6 @@ text is untrusted input: see `app.robot.robot_from_text`.
 """
 
 import threading
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -13,9 +12,16 @@ from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
-from app.bridge.calls.parameter_client import ParameterWatch
+from app.bridge.calls.parameter_client import ParameterChange, ParameterClient
 from app.bridge.node import RosNode
-from app.bridge.ros_errors import FollowError
+from app.bridge.ros_errors import (
+    CallError,
+    CallTimeoutError,
+    FollowError,
+    ParameterUnsetError,
+    ServerGoneError,
+    ServerUnavailableError,
+)
 from app.bridge.topics import LATCHED, Topic
 from app.geometry import NS_PER_MS, FreshnessLimits, MarginGuardError, check_frame
 from app.robot import Robot, robot_from_text
@@ -26,6 +32,8 @@ FUTURE_TOLERANCE_NS = 50 * NS_PER_MS
 hosts differ, and a simulated ``/clock`` comes 40 times a second from ``ros2 bag play``."""
 
 MAX_MESSAGE_BYTES = 9 * 1024 * 1024
+_POLL_INTERVAL_S = 0.5
+_CALL_TIMEOUT_S = 5.0
 _JOIN_TIMEOUT_S = 5.0
 _MAX_CHARS = 300
 _LOG_INTERVAL_S = 5.0
@@ -120,17 +128,18 @@ class DescriptionListener:
         self._source = source
         self._changed = changed
         self._texts: dict[str, str] = {}
-        self._received: deque[str] = deque(maxlen=1)
-        self._woken = threading.Event()
+        self._condition = threading.Condition()
+        self._received: list[str] = []
+        self._parameter_changed = False
         self._closing = threading.Event()
-        self._watch: ParameterWatch | None = None
+        self._client: ParameterClient | None = None
         self._subscription: Subscription | None = None
         if source.topic:
             topic = Topic(absolute(source.topic), String, LATCHED)
             self._subscription = ros.subscribe(topic, self._take_message, raw=True)
         if source.node:
-            self._watch = ParameterWatch(ros, source.node, self._woken.set)
-            self._watch.add(source.parameter)
+            self._client = ParameterClient(ros, source.node)
+            self._client.watch(self._take_change)
         ros.on_close(self.close)
         self._thread = threading.Thread(
             target=self._run, name=f"description of {settings.name}", daemon=True
@@ -140,15 +149,18 @@ class DescriptionListener:
     def close(self) -> None:
         """Stop listening; a description that is being loaded is discarded."""
         self._closing.set()
-        self._woken.set()
+        with self._condition:
+            self._condition.notify()
         if threading.current_thread() is not self._thread:
             self._thread.join(_JOIN_TIMEOUT_S)
         self._ros.remove_on_close(self.close)
-        if self._watch is not None:
-            self._watch.close()
-        subscription = self._subscription
-        if subscription is not None:
-            self._ros.call(lambda: self._ros.destroy_subscription(subscription))
+        self._ros.call(self._destroy_endpoints)
+
+    def _destroy_endpoints(self) -> None:
+        if self._subscription is not None:
+            self._ros.destroy_subscription(self._subscription)
+        if self._client is not None:
+            self._client.close()
 
     def _take_message(self, raw: bytes) -> None:
         if len(raw) > MAX_MESSAGE_BYTES:
@@ -157,25 +169,53 @@ class DescriptionListener:
             )
             return
         message: String = deserialize_message(raw, String)
-        self._received.append(message.data)
-        self._woken.set()
+        with self._condition:
+            self._received[:] = [message.data]
+            self._condition.notify()
+
+    def _take_change(self, change: ParameterChange) -> None:
+        if self._source.parameter in change.values:
+            with self._condition:
+                self._parameter_changed = True
+                self._condition.notify()
 
     def _run(self) -> None:
-        while self._woken.wait() and not self._closing.is_set():
-            self._woken.clear()
-            if self._watch is not None:
-                self._load_parameter(self._watch)
-            while self._received:
-                self._load_text("topic", self._received.popleft())
+        was_available = False
+        while not self._closing.is_set():
+            with self._condition:
+                if not (self._received or self._parameter_changed or self._closing.is_set()):
+                    self._condition.wait(_POLL_INTERVAL_S)
+                received, parameter_changed = list(self._received), self._parameter_changed
+                self._received.clear()
+                self._parameter_changed = False
+            client = self._client
+            is_available = client is not None and client.is_available
+            if client is not None and is_available and (parameter_changed or not was_available):
+                # False if the node did not reply, so that the next cycle reads it again.
+                is_available = self._read_parameter(client)
+            was_available = is_available
+            for text in received:
+                self._load_text("topic", text)
 
-    def _load_parameter(self, watch: ParameterWatch) -> None:
-        """Load a new value; without one the description may be on the topic."""
-        name = self._source.parameter
-        value = watch.take().get(name)
+    def _read_parameter(self, client: ParameterClient) -> bool:
+        """Get and load the parameter; False if the node did not reply."""
+        try:
+            value = client.get(self._source.parameter, _CALL_TIMEOUT_S, self._closing)
+        except (ServerUnavailableError, CallTimeoutError, ServerGoneError):
+            return False
+        except ParameterUnsetError:  # it may be on the topic; setting it later is an event
+            return True
+        except CallError as error:
+            self._refuse(str(error))
+            return True
         if isinstance(value, str):
             self._load_text("parameter", value)
-        elif value is not None:
-            self._refuse(f"{name} of {watch.node} is a {type(value).__name__}; expected a string")
+        else:
+            self._refuse(
+                f"{self._source.parameter} of {client.node} is a {type(value).__name__}; "
+                "expected a string"
+            )
+        return True
 
     def _load_text(self, origin: str, text: str) -> None:
         if self._texts.get(origin) == text or self._closing.is_set():
