@@ -15,7 +15,7 @@ from std_msgs.msg import String
 from app.bridge.calls.parameter_client import ParameterChange, ParameterClient
 from app.bridge.node import RosNode
 from app.bridge.ros_errors import (
-    CallError,
+    BridgeError,
     CallTimeoutError,
     FollowError,
     ParameterUnsetError,
@@ -205,7 +205,7 @@ class DescriptionListener:
             return False
         except ParameterUnsetError:  # it may be on the topic; setting it later is an event
             return True
-        except CallError as error:
+        except BridgeError as error:  # also a value of an unknown type
             self._refuse(str(error))
             return True
         if isinstance(value, str):

@@ -6,7 +6,7 @@ surfaces, so that coordinates stay exact and nothing is encoded in the session's
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -56,11 +56,11 @@ class SessionValues:
     frame_from_tumor: Transform
     tumor_sigma_mm: float
     margins: MarginEntry
-    tumor: SurfaceMesh | None = None
-    registration: RegistrationValues | None = None
-    items: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    image_depth_mm: float | None = None
-    structures: tuple[StructureValues, ...] | None = None
+    tumor: SurfaceMesh | None
+    registration: RegistrationValues | None
+    items: Mapping[str, Mapping[str, Any]]
+    image_depth_mm: float | None
+    structures: tuple[StructureValues, ...] | None
 
 
 def sent_values(values: SessionValues) -> Iterator[bytes]:

@@ -1,7 +1,8 @@
 """Values of a session reach its recorder unchanged and become those of the recorded case."""
 
 import io
-from dataclasses import replace
+import json
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -44,6 +45,7 @@ VALUES = SessionValues(
         "stylus": {"tip_from": {"matrix": STYLUS_TIP.matrix.ravel().tolist()}, "sigma_mm": 0.35},
     },
     image_depth_mm=45.0,
+    structures=None,
 )
 
 
@@ -113,6 +115,15 @@ def test_values_arrive_unchanged_and_the_stream_goes_on_after_them():
 def test_other_bytes_are_refused(content):
     with pytest.raises(InputError, match=r"^values of the session: .* expected those that a live"):
         received_values(io.BytesIO(content))
+
+
+@pytest.mark.parametrize("key", [each.name for each in fields(SessionValues)])
+def test_values_without_a_key_are_refused(key):
+    line, surfaces = b"".join(sent_values(VALUES)).split(b"\n", 1)
+    document = json.loads(line)
+    del document[key]
+    with pytest.raises(InputError, match=r"^values of the session: .* expected those that a live"):
+        received_values(io.BytesIO(json.dumps(document).encode() + b"\n" + surfaces))
 
 
 @pytest.fixture

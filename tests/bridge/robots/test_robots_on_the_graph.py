@@ -5,6 +5,8 @@ import queue
 from pathlib import Path
 
 import pytest
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import GetParameters, SetParameters
 from std_msgs.msg import String
 
 from app.bridge.robot_description import (
@@ -70,3 +72,17 @@ def test_invalid_description_is_refused(ros, other, text, message):
     assert len(listener.problem) <= 300
     publisher.publish(String(data=described("good")))
     assert robots.get(timeout=DEADLINE_S).name == "good"
+
+
+def test_parameter_of_an_unknown_type_is_refused(ros, other):
+    def answer(_, response):
+        response.values = [ParameterValue(type=77)]
+        return response
+
+    for service in (GetParameters, SetParameters):
+        name = "get" if service is GetParameters else "set"
+        other.node.create_service(service, f"/odd/{name}_parameters", answer)
+    source = DescriptionSource("/odd", "robot_description")
+    listener = DescriptionListener(ros, RobotSettings("r"), source, pytest.fail)
+    wait_until(lambda: listener.refused == 1)
+    assert "77" in listener.problem
