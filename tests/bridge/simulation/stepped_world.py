@@ -56,8 +56,8 @@ class SteppedWorld:
 class Simulated(SteppedWorld):
     """The world, its node and the peer; each round is one command and some steps."""
 
-    def __init__(self, ros, description, start):
-        super().__init__(ros, description)
+    def __init__(self, ros, description, start, **options):
+        super().__init__(ros, description, **options)
         self.node.serve(self.pace)
         self.joints = list(self.arm.joints)
         self._start = start
@@ -91,8 +91,9 @@ class Simulated(SteppedWorld):
         return {"names": self.joints, "velocity": [first] + [0.0] * 5, **more}
 
 
-@pytest.fixture
-def simulated(domain_id, project_root, start):
+@pytest.fixture(params=[False])
+def simulated(request, domain_id, project_root, start):
+    """The lumpectomy; its scripted hand pushes the arm with the parameter True alone."""
     description = open_world(project_root / "data" / "worlds" / "lumpectomy")
     with RosNode(NODE_NAME, domain_id=domain_id) as ros:
-        yield Simulated(ros, description, start)
+        yield Simulated(ros, description, start, use_hand=request.param)

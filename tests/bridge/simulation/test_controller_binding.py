@@ -25,10 +25,7 @@ def move(simulated):
 
 
 def stands(simulated, peer):
-    """True if the arm comes to a stop, and stands while ``peer`` commands its first joint on.
-
-    The hand of the world pushes the tool from 1 s on: that moves this joint by 0.005 rad/s.
-    """
+    """True if the arm comes to a stop, and stands while ``peer`` commands its first joint on."""
 
     def speed():
         return abs(simulated.arm.velocities[0])
@@ -39,7 +36,7 @@ def stands(simulated, peer):
         simulated.round(simulated.velocity(0.3), peer=peer)
         speeds.append(speed())
         followed.append(simulated.arm.command)
-    return max(speeds) < 0.01 and followed == [None] * 20
+    return max(speeds) < 1e-3 and followed == [None] * 20
 
 
 def enable(simulated):
